@@ -1,4 +1,4 @@
-"""Tells whether somebody watches a stream."""
+"""Determines if a stream is an interactive terminal."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from typing import TextIO
 
 
 def is_live(stream: TextIO) -> bool:
-    """Whether the stream is a terminal that can do more than print lines."""
+    """True if the stream is a terminal that can rewrite lines."""
     return stream.isatty() and not os.environ.get("CI") and os.environ.get("TERM") != "dumb"

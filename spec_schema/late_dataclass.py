@@ -15,7 +15,7 @@ from typing import Any, ClassVar, TypeVar, cast, dataclass_transform, get_origin
 
 _Class = TypeVar("_Class", bound=type)
 _FOR_MAKING = ("__dataclass_fields__", "__match_args__", "__init__")
-"""What most classes are asked for: objects that nobody compares or prints need no more."""
+"""Dataclass members that most classes need, without comparison and printing."""
 _OF_OPTION = {
     "repr": ("__repr__",),
     "eq": ("__eq__",),
@@ -36,7 +36,7 @@ def dataclass(
     order: bool = False,
     repr: bool = True,
 ) -> Callable[[_Class], _Class]:
-    """As `dataclasses.dataclass`; what that writes is written when it is first asked for."""
+    """Like `dataclasses.dataclass`, but methods are generated on first use."""
     options = {"frozen": frozen, "kw_only": kw_only, "eq": eq, "order": order, "repr": repr}
 
     def late(written: _Class) -> _Class:
@@ -46,7 +46,7 @@ def dataclass(
 
 
 def _waiting(written: type, options: Mapping[str, bool], *, slots: bool) -> type:
-    """A class like the written one that has, or waits for, all that makes it a dataclass."""
+    """A class equivalent to the original, with dataclass members that are generated when needed."""
     content = dict(vars(written))
     own = _own_fields(content)
     for name in (*_PLACES, *own):
@@ -88,7 +88,7 @@ def _is_of_class(annotation: Any) -> bool:
 
 
 def _state(self: Any) -> list[Any]:
-    """The fields of a copy: without them a frozen object with slots would be assigned to."""
+    """Sets the fields of a copy, because a frozen object with slots cannot be assigned to."""
     return [getattr(self, field.name) for field in dataclasses.fields(self)]
 
 
@@ -98,7 +98,7 @@ def _set_state(self: Any, state: Sequence[Any]) -> None:
 
 
 class _Unfinished:
-    """A class as it was written, and the one made of it that waits for its methods."""
+    """The original class, and the new class whose methods are generated later."""
 
     __slots__ = ("_content", "_has_all", "_has_init", "_is_new", "_options", "_written", "made")
 
@@ -136,10 +136,7 @@ class _Unfinished:
                 setattr(self.made, name, value)
 
     def _as_written(self) -> type:
-        """The written class; another one where the standard library has worked on that.
-
-        Also where it was interrupted: it takes the defaults of fields from the class.
-        """
+        """The original class; another one after the standard library has processed it."""
         if self._is_new:
             self._is_new = False
             return self._written
@@ -152,11 +149,7 @@ def _only_for_making(options: Mapping[str, bool]) -> dict[str, bool]:
 
 
 def _unwritten_method(name: str, unfinished: _Unfinished) -> Callable[..., Any]:
-    """Stands where the standard library will put a method, and has it put there when called.
-
-    No `_Unwritten`: Python takes an error, or Ctrl-C, while it reads the method that compares,
-    hashes or shows an object for its absence, and says that the object is unhashable.
-    """
+    """A placeholder that generates the method when it is called."""
 
     def method(self: Any, *arguments: Any) -> Any:
         unfinished.write(name)
@@ -166,7 +159,7 @@ def _unwritten_method(name: str, unfinished: _Unfinished) -> Callable[..., Any]:
 
 
 class _Unwritten:
-    """Stands where the standard library will put something, and has it put there when read."""
+    """A placeholder that generates the attribute when it is read."""
 
     __slots__ = ("_name", "_unfinished")
 

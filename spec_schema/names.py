@@ -1,4 +1,4 @@
-"""Decides which words may name things, and which are taken."""
+"""Decides which words are valid names, and which are reserved."""
 
 import keyword
 import re
@@ -6,7 +6,7 @@ import unicodedata
 
 NAME_PATTERN = "[A-Za-zͰ-Ͽ][A-Za-z0-9_Ͱ-Ͽ]*"
 LONGEST_NAME = 100
-"""Characters: names become names of files, which systems limit to 255 bytes."""
+"""Maximum characters: names become file names, which systems limit to 255 bytes."""
 _NAME = re.compile(NAME_PATTERN)
 _TAKEN = {
     "t": "it is the index of time",
@@ -17,7 +17,7 @@ RESERVED_PATTERN = "|".join((*_TAKEN, *keyword.kwlist))
 
 
 def normalised(name: str) -> str:
-    """NFKC, as Python's parser does it to names in expressions."""
+    """Normalises to NFKC, like Python's parser for names in expressions."""
     return unicodedata.normalize("NFKC", name)
 
 
@@ -34,23 +34,23 @@ def is_name(name: str) -> bool:
 
 
 def similar_name(text: str) -> str | None:
-    """A name that looks like a text that is none: `x_dot` for `x-dot`; None where nothing does."""
+    """A valid name similar to an invalid text: `x_dot` for `x-dot`; None without one."""
     found = re.sub("[^A-Za-z0-9_Ͱ-Ͽ]+", "_", normalised(text)).strip("_")
     return found if is_name(found) and why_reserved(found) is None else None
 
 
 def is_dotted_name(name: str) -> bool:
-    """Whether a text is names with dots between them: a member of a sub-model."""
+    """True if a text consists of names with dots, such as a member of a sub-model."""
     parts = name.split(".")
     return len(parts) > 1 and all(is_name(part) for part in parts)
 
 
 def why_reserved(name: str) -> str | None:
-    """The reason why nothing may be declared under this name; None when it is free."""
+    """The reason why a name is reserved; None if it is available."""
     # expressions are parsed by Python, which reads `lambda` otherwise
     return _TAKEN.get(name) or ("it is a reserved word of Python" if is_python_word(name) else None)
 
 
 def is_python_word(name: str) -> bool:
-    """Whether the parser of expressions, which is Python's, cannot read it as a name."""
+    """True if the expression parser, which is Python's, cannot read it as a name."""
     return keyword.iskeyword(name)

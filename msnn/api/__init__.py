@@ -1,1 +1,1 @@
-"""Holds the verbs as Python functions: what `import msnn` offers."""
+"""Provides the commands as Python functions: the public interface of `import msnn`."""

@@ -1,4 +1,4 @@
-"""Compares two models; of two runs also how well they predict."""
+"""Compares two models; for two runs also their accuracy."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def changes(
 ) -> ModelChanges:
     """Compares two models, or two runs.
 
-    Where both are of runs, each is measured by the `validate` entries of its own spec on its data,
-    below `data_root`. Data that cannot be read are a warning; with `must_measure` SpecError.
+    For two runs, each is evaluated by the `validate` entries of its own spec on its data, below
+    `data_root`. Unreadable data cause a warning, or SpecError with `must_measure`.
     """
     # a spec alone has no weights that could be measured, and one side alone compares with nothing
     if old.run is None or new.run is None:

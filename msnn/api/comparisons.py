@@ -1,4 +1,4 @@
-"""Compares trainings: of several specs, or of one with many values, by seeds and folds."""
+"""Compares trainings of several specs, or of one spec with many values, by seeds and folds."""
 
 from __future__ import annotations
 
@@ -35,19 +35,23 @@ def compare(
     cost: bool = True,
     listener: Listener | None = None,
 ) -> ShownComparison:
-    """Trains specs, or one with every choice of a grid, and ranks them on rows held out.
+    """Trains specs, or one with every choice of a grid, and ranks them on held-out rows.
 
         found = msnn.compare("plant.msnn.yaml", grid={"layers.h.fir.window": [5, 10, 20]}, seeds=3)
         print(found.best.variant.settings, found.best.score)
         found.to_frame()  # found.plot(); a notebook shows the table
 
-    `grid` and `settings` are mappings, or texts as `--grid` and `--set` take them. `on` is the set
-    that they are compared on; with `folds` each fold of `split: {by: kfold, k}` is
-    held out in turn. `by` ranks them: `fit`, `x_next.fit` or `x_next.rmse:record`; None takes what
-    the first entry of `validate` asks for. `jobs` trainings run at once, each in a process: a
-    script then needs `if __name__ == "__main__"`. `cost` counts instructions and bytes of the C on
-    a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
-    there is not repeated. Raises SpecError and TrainingInterruptedError.
+    `grid` and `settings` are mappings, or texts in the form of `--grid` and `--set`. `on` is the
+    set for the comparison; with `folds`, each fold of `split: {by: kfold, k}` is held out in turn.
+    `by` is the criterion: `fit`, `x_next.fit` or `x_next.rmse:record`; None means the metric of the
+    first entry of `validate`.
+
+    `jobs` is the number of parallel trainings. Each runs in a process, so a script needs the guard
+    `if __name__ == "__main__"`.
+
+    `cost` counts instructions and bytes of the C code on a Cortex-M4F, if the tools
+    are installed. `runs/runs.jsonl` logs every training; a logged training is not repeated. Raises
+    SpecError and TrainingInterruptedError.
     """
     options = _options(
         settings=settings,
@@ -86,7 +90,7 @@ def sweep(
     cost: bool = False,
     listener: Listener | None = None,
 ) -> ShownComparison:
-    """Trains one spec with many values of it, of a grid and drawn at random, and ranks them.
+    """Trains one spec with many values, from a grid and drawn at random, and ranks them.
 
         found = msnn.sweep(
             "plant.msnn.yaml",
@@ -96,16 +100,18 @@ def sweep(
         )
         print(found.best.variant.settings, found.best.score)
 
-    `draw` says by key what values are drawn from: `uniform(0.5, 2)`, `log(1e-3, 1e-1)`,
-    `integer(1, 20)`, each with a unit behind it where the value has one, `choice(rk4, euler)`.
-    Every one of `draws` (20) is trained with every choice of `grid`. `draw_seed` decides them: the
-    same seed draws the same, and more `draws` leave those before as they are. `ray` is the address
-    of a Ray cluster that trains in place of `jobs` processes (extra `ray`): `10.0.0.1:6379`,
-    `auto`, or `local` for one on this machine; a connection that is open is used. With `optuna`, a
-    file or database for its study, Optuna proposes what is drawn from how good the proposals before
-    it were (extra `optuna`), `draws` in all; `by` says what is good. All else is as of `compare`,
-    whose log it shares: what is there is not trained again. Raises SpecError,
-    MissingExtraError and TrainingInterruptedError.
+    `draw` maps keys to distributions: `uniform(0.5, 2)`, `log(1e-3, 1e-1)`, `integer(1, 20)`, each
+    followed by a unit if the value has one, or `choice(rk4, euler)`. Each of `draws` (20) samples
+    is trained with every choice of `grid`. `draw_seed` makes the samples reproducible; more `draws`
+    extend them without changing earlier ones.
+
+    `ray` is the address of a Ray cluster for the trainings instead of `jobs` processes (extra
+    `ray`): `10.0.0.1:6379`, `auto`, or `local` for one on this machine; an open connection is used.
+    With `optuna`, a file or database for its study, Optuna proposes all `draws` samples from the
+    results of earlier ones, ranked by `by` (extra `optuna`).
+
+    All other arguments are as in `compare`, and both use the same log: a logged training is not
+    repeated. Raises SpecError, MissingExtraError and TrainingInterruptedError.
     """
     common = _options(
         settings=settings,
@@ -142,7 +148,7 @@ def _options(
     by: str | None,
     cost: bool,
 ) -> ComparisonOptions:
-    """The arguments that every comparison takes, as its engine has them."""
+    """The common arguments of comparisons, as options of their engine."""
     from msnn.features.comparison.compare import ComparisonOptions
 
     return ComparisonOptions(

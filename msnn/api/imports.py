@@ -1,4 +1,4 @@
-"""Reads models that other tools saved."""
+"""Reads models saved by other tools."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def import_nnodely(file: str | Path, out: str | Path | None = None) -> WrittenIm
         model = msnn.load(written.spec)
         (run,) = msnn.simulate(model, frames, written.weights)
 
-    `out` is the spec, by default the file's name with the ending `.msnn.yaml`; the weights lie
-    beside it. Raises SpecError where a value or relation is not as nnodely writes it, where a
-    function is not translated, and where one of the files exists.
+    `out` is the spec, by default the file's name with the ending `.msnn.yaml`; the weights are
+    written next to it. Raises SpecError if a value or relation does not have nnodely's format, if a
+    function cannot be translated, or if one of the files exists.
     """
     from msnn.features.nnodely.written import write_import
 

@@ -1,4 +1,4 @@
-"""Looks at data, measures a model on them, and runs it freely."""
+"""Checks data, evaluates a model on data, and simulates it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from msnn.model.weights.given_weights import Weights
 from spec_schema.diagnostics.diagnostic import SpecError
 
 NOT_HERE = {"E1042", "E1301"}
-"""Of engines that cannot be had on this machine, or for this spec."""
+"""Codes for engines that are not available on this machine, or for this spec."""
 
 if TYPE_CHECKING:
     from msnn.api.results.measurements import ShownReport, ShownSimulations
@@ -33,15 +33,15 @@ if TYPE_CHECKING:
 def check_data(
     model: Model, data: GivenData | None = None, *, data_root: str | Path | None = None
 ) -> DataCheck:
-    """Looks at data before a model learns from them: sampling, columns, delays, excitation.
+    """Checks data before a model is trained on them: sampling, columns, delays, excitation.
 
         found = msnn.check_data(msnn.load("plant.msnn.yaml"))
         for finding in found.findings:
             print(finding.code, finding.message, finding.help)
 
-    `data` are frames as in `train`, or files with the columns that the spec names; None takes the
-    data of the spec. The answer has what `msnn data --json` writes. Raises SpecError where data
-    cannot be read at all, MissingExtraError.
+    `data` are frames as in `train`, or files with the columns named in the spec; None means the
+    data of the spec. The result has the contents of `msnn data --json`. Raises SpecError if data
+    cannot be read at all, and MissingExtraError.
     """
     from msnn.features.data_check.check import check_data as run
 
@@ -58,16 +58,16 @@ def validate(
     progress: RolloutProgress | None = None,
     intervals: bool = False,
 ) -> ShownReport:
-    """Measures the `validate` section of a spec in float64; None: initial weights.
+    """Evaluates the `validate` section of a spec in float64; weights None: initial weights.
 
         report = msnn.validate(model, result.weights)
         assert report.passed
         report.to_frame()  # report.plot(); a notebook shows the tables
 
-    `data` as in `train`; entries with `files:` are measured on these all the same. `engine` is what
-    simulates: `interpreter`, the judge of all others, `native` kernels, `torch`, an export (`onnx`,
-    `casadi`, `c`, `fmu`), or `auto`, kernels where they save time; `progress(done, total)` is told
-    how many steps are done. `intervals` counts how often targets lie inside prediction intervals;
+    `data` is as in `train`; entries with `files:` always use these files. `engine` selects the
+    simulation: `interpreter`, the reference; `native` kernels; `torch`; an export (`onnx`,
+    `casadi`, `c`, `fmu`); or `auto`, kernels if they save time. `progress(done, total)` receives
+    the number of completed steps. `intervals` measures the coverage of prediction intervals;
     weights are then a result or the path of a run. Raises SpecError.
     """
     dataset = None
@@ -86,7 +86,7 @@ def validate(
 
 
 def needs_data(model: Model) -> bool:
-    """Whether anything is measured on the data of the spec: not where all entries have files."""
+    """True if an entry is evaluated on the data of the spec instead of its own files."""
     checks = model.spec.checks
     # a spec without entries is measured by one of its own, on these data
     return not checks or any(check.files is None for check in checks)
@@ -102,7 +102,7 @@ def validate_on(
     progress: RolloutProgress | None = None,
     intervals: bool = False,
 ) -> ShownReport:
-    """As `validate`, on data that were read; None where no entry needs any but its own files."""
+    """See `validate`; `dataset` is already loaded, or None if every entry has its own files."""
     from msnn.api.results.measurements import ShownReport
     from msnn.data.reading.file_sets import load_file_sets
     from msnn.exports.running.exported_rollouts import chosen_engine
@@ -144,9 +144,9 @@ def validate_every_engine(
     data_root: str | Path | None = None,
     progress: RolloutProgress | None = None,
 ) -> EnginesReport:
-    """The same of every engine, exports too, that can be had on this machine.
+    """The same for every engine, including exports, that is available on this machine.
 
-    Raises SpecError for what is wrong with the spec or its data.
+    Raises SpecError for errors in the spec or its data.
     """
     from msnn.simulation.engines.open_rollouts import AUTO, ENGINES
     from msnn.validation.reports.engines_report import EnginesReport
@@ -185,19 +185,20 @@ def simulate(
     progress: RolloutProgress | None = None,
     intervals: float | None = None,
 ) -> ShownSimulations:
-    """Runs the model freely over records; every input that an output predicts is fed back.
+    """Simulates the model over recordings; every input that an output predicts is fed back.
 
         (run,) = msnn.simulate(model, {"F": force, "x": position}, result.weights)
         print(run.outputs["x_next"], run.logged["x_next"], run.places.rows)
 
-    `data` are frames as in `train`, or files with the columns that the spec names; None takes the
-    data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
-    their columns. `horizon` ends each run after so many steps, "record" with its record. `engine`
-    and `progress` as in `validate`. `intervals=95` adds half the width of 95 % prediction
-    intervals, `run.bands`, by the errors in the set `train` of frames, `{"train": a, "test": b}`,
-    else of the spec; weights are then a result or the path of a run. The answer is a sequence of
-    runs, with `warnings`, `to_frame()` and `plot()`. Raises SpecError, and ValueError for another
-    horizon.
+    `data` are frames as in `train`, or files with the columns named in the spec; None means the
+    data of the spec. `data_set` selects one set; for files it names the set of the spec that has
+    their columns. `horizon` limits the steps of each run; "record" means whole recordings. `engine`
+    and `progress` are as in `validate`.
+
+    `intervals=95` adds half the width of 95 % prediction intervals, `run.bands`. They use the
+    errors in the set `train` of frames, `{"train": a, "test": b}`, else of the spec; weights are
+    then a result or the path of a run. Returns a sequence of runs, with `warnings`, `to_frame()`
+    and `plot()`. Raises SpecError, and ValueError for an invalid horizon.
     """
     from msnn.api.results.measurements import ShownSimulations
     from msnn.exports.prepare import loop_fault
@@ -235,7 +236,7 @@ def simulate(
 
 
 def _steps(horizon: object) -> int | None:
-    """The steps after which runs end; None where their records do."""
+    """The maximum number of steps per run; None for whole recordings."""
     if horizon is None or horizon == "record":
         return None
     if not isinstance(horizon, bool) and isinstance(horizon, Integral) and int(horizon) > 0:
@@ -253,7 +254,7 @@ def _intervals(
     data_root: str | Path | None,
     engine: Engine,
 ) -> Intervals:
-    """The widths of the bands of free runs, by the errors that remain on the training rows."""
+    """The prediction intervals of simulations, from the residuals on the training rows."""
     from msnn.data.reading.frames import with_training_rows
     from msnn.errors.results.intervals import no_training_rows
     from msnn.model.weights.known_covariance import known_covariance

@@ -21,7 +21,7 @@ from spec_schema.reading.python_values import Settings, setting_texts, spec_text
 from spec_schema.sections.spec import Spec
 
 OF_TEXT, OF_MAPPING = Path("text.msnn.yaml"), Path("mapping.msnn.yaml")
-"""What diagnostics and runs call specs that stand in no file."""
+"""Names of specs without a file, in diagnostics and runs."""
 
 if TYPE_CHECKING:
     from backends.torch_module.step_module import StepModule
@@ -42,9 +42,9 @@ def load(spec: str | Path | Mapping[str, object], settings: Settings = ()) -> Mo
         for window in (5, 10, 20):
             model = msnn.load("plant.msnn.yaml", {"layers.h.fir.window": window})
 
-    A string with a line end is text; files that it or a mapping names are looked for from the
-    current folder. `settings` replace values: a mapping, or `["train.0.epochs=5"]`. Raises
-    SpecError with everything that is wrong, TypeError for values that no spec can hold.
+    A string with a line break is the text of a spec. Files named in a text or mapping are relative
+    to the current folder. `settings` override values: a mapping, or `["train.0.epochs=5"]`. Raises
+    SpecError with all errors, and TypeError for values that no spec can contain.
     """
     texts = setting_texts(settings)
     if isinstance(spec, Mapping):
@@ -60,8 +60,8 @@ def compile(spec: str | Path | Mapping[str, object] | Spec) -> Program:
 
         program = msnn.compile("plant.msnn.yaml")
 
-    Raises SpecError with everything that is wrong with it, ValueError for a Spec with sub-models:
-    these are found beside its file.
+    Raises SpecError with all errors in the spec, and ValueError for a Spec with sub-models, because
+    their files are relative to that of the spec.
     """
     return compile_spec(spec).program if isinstance(spec, Spec) else load(spec).program
 
@@ -71,9 +71,9 @@ def initial_weights(model: Model) -> dict[str, FloatArray]:
 
         weights = {**msnn.initial_weights(model), "k": 15.0}
 
-    Every function that takes weights takes those of all parameters: a mapping of arrays, numbers or
+    Every function with weights accepts values of all parameters: a mapping of arrays, numbers or
     torch tensors; a result of `train`, `train_folds` or `stage_loss`; the path of a weights file or
-    of the folder of a run. Raises SpecError where a value is known from data only.
+    of a run's folder. Raises SpecError if a value can only be computed from data.
     """
     return dict(known_in(model, None))
 
@@ -85,7 +85,7 @@ def linearize(
     weights: Weights | None = None,
     hessian: Mapping[str, ArrayLike] | None = None,
 ) -> Linearization:
-    """Slopes of one step in all that the model remembers, its inputs and its parameters.
+    """The Jacobians of one step with respect to states, inputs and parameters.
 
         found = msnn.linearize(model, {"F": 0.0}, {"x": 0.1, "v": 0.0}, result.weights)
         print(found.matrices["A"], found.vectors["x"].member("v").first)
@@ -94,13 +94,13 @@ def linearize(
         found = msnn.linearize(model, inputs, states, result.weights, hessian=multipliers)
         print(found.hessians["xu"])
 
-    `inputs` are samples in the shapes of ports, `states` all that is remembered by name, buffers
-    (`F.history`) oldest sample first; `msnn show --interface` lists both. Matrices are (rows,
-    columns), in the spec's units. Weights None: the initial values. Raises ValueError.
+    `inputs` are samples in the shapes of ports. `states` are all states by name, buffers
+    (`F.history`) with the oldest sample first; `msnn show --interface` lists both. Matrices are
+    (rows, columns), in the spec's units. Weights None: the initial values. Raises ValueError.
 
-    `hessian` asks for second derivatives too: of the sum of outputs (by name) and next states
-    (`next(v)`), each times its multiplier; what is not named has the multiplier 0. Numbers that
-    are not finite are shown as they are, and `found.infinite` names the matrices that have any.
+    `hessian` adds second derivatives of the sum of outputs (by name) and next states (`next(v)`),
+    each times its multiplier; omitted ones have multiplier 0. Non-finite elements are kept, and
+    `found.infinite` names the matrices that contain any.
     """
     from msnn.simulation.linearize import linearize as run
 
@@ -108,17 +108,17 @@ def linearize(
 
 
 def stepper(model: Model, weights: Weights | None = None) -> Stepper:
-    """The model with a memory of its own, stepped from Python a sample at a time.
+    """The model as an object with state, stepped from Python one sample at a time.
 
         s = msnn.stepper(model, result.weights)
         s.reset(x=0.1)
         for force in forces:
             print(s.step(F=force)["x_next"], s.state["v"])
 
-    It is what `msnn.export(model, "c", …)` would write, compiled for this machine: the same
-    numbers, some microseconds a step. Any number of them are independent. Without a C compiler
-    the interpreter steps, and a RuntimeWarning says so. Weights None: the initial values. Raises
-    SpecError; ValueError where an input is missing, unknown or of another shape.
+    It uses the C code that `msnn.export(model, "c", …)` writes, compiled for this machine: the same
+    values, a few microseconds per step. Any number of steppers are independent. Without a C
+    compiler the interpreter is used, with a RuntimeWarning. Weights None: the initial values.
+    Raises SpecError; ValueError if an input is missing, unknown or of another shape.
     """
     from msnn.stepping.open_stepper import open_stepper
 
@@ -130,17 +130,17 @@ def stepper(model: Model, weights: Weights | None = None) -> Stepper:
 def torch_module(
     model: Model, weights: Weights | None = None, *, device: str = "cpu"
 ) -> StepModule:
-    """One step of the model as a `torch.nn.Module` in memory, through which gradients flow.
+    """One step of the model as a differentiable `torch.nn.Module` in memory.
 
         module = msnn.torch_module(model, result.weights)
         state = module.initial_state(windows)
         outputs, state = module(inputs, state)
         msnn.export(model, "c", "firmware", module)
 
-    It does what `msnn.export(model, "torch", …)` would write, with what `export: {torch: …}` of the
-    spec says of `close`, `outputs` and `dtype`. Tensors have the batch first; `msnn show
-    --interface` lists ports with their shapes. `device` as in `train`. Weights None: the initial
-    values. Raises SpecError, MissingExtraError.
+    It is equivalent to `msnn.export(model, "torch", …)`, with `close`, `outputs` and `dtype` from
+    `export: {torch: …}` of the spec. Tensors have the batch as first axis; `msnn show --interface`
+    lists ports with their shapes. `device` is as in `train`. Weights None: the initial values.
+    Raises SpecError, MissingExtraError.
     """
     TORCH.require("computes in torch modules")
     import torch
@@ -167,17 +167,18 @@ def torch_module(
 def mpc(
     model: Model, weights: Weights | None = None, *, solver: Solver | None = None
 ) -> Controller:
-    """The predictive controller that the spec's `mpc` section describes.
+    """The model predictive controller of the spec's `mpc` section.
 
         controller = msnn.mpc(model, result.weights)
         found = controller.solve({"level": 3.0}, references={"wanted": 6.0})
         print(found.status, found.control["pump"])
 
-    It remembers its plan and what it applied; `reset` forgets both. It solves by the C that
-    `msnn.export(model, "mpc", …)` would write, in float64, compiled for this machine; without a C
-    compiler by the reference in Python, and a RuntimeWarning says so. `solver="python"` takes that
-    at once, `"c"` nothing else; `controller.solver` tells which. Weights None: the initial values.
-    Raises ValueError for a model without that section, SpecError where `"c"` is not to be had.
+    It keeps its plan and the applied control; `reset` clears both. It uses the C code that
+    `msnn.export(model, "mpc", …)` writes, in float64, compiled for this machine. Without a C
+    compiler it uses the reference in Python, with a RuntimeWarning. `solver="python"` always uses
+    the reference, `"c"` only C; `controller.solver` is the one in use. Weights None: the initial
+    values. Raises ValueError for a model without that section, and SpecError if `"c"` is not
+    available.
     """
     from msnn.features.control.run.open_controller import open_controller
 
@@ -189,16 +190,16 @@ def mpc(
 def estimator(
     model: Model, weights: Weights | None = None, *, solver: Solver | None = None
 ) -> KalmanFilter | MovingHorizon:
-    """The estimator of states and parameters that the spec's `estimator` section describes.
+    """The estimator of states and parameters in the spec's `estimator` section.
 
         kalman = msnn.estimator(model, result.weights)
         kalman.reset({"level": 4.0, "leak": 0.0})
         found = kalman.correct({"level": 4.1})
         kalman.predict({"pump": 3.0})
 
-    It remembers what it found; NaN is a measurement that is not there. Moving-horizon estimation
-    (`mhe`) solves its window as `mpc` does its horizon, and `solver` is as there. Weights None: the
-    initial values. Raises ValueError for a model without that section.
+    It keeps its estimate; NaN is a missing measurement. Moving-horizon estimation (`mhe`) solves
+    its window like `mpc` its horizon, with the same `solver`. Weights None: the initial values.
+    Raises ValueError for a model without that section.
     """
     from msnn.features.control.run.open_controller import open_estimator
 
@@ -217,7 +218,7 @@ def export(
 
         msnn.export(model, "c", "firmware/plant", result.weights)
 
-    What the spec's `export` section says of the target holds. Weights None: the initial values.
+    The spec's `export` section defines the options of the target. Weights None: the initial values.
     Raises SpecError, MissingExtraError, OSError.
     """
     from msnn.exports.export import plan_exports, writable_targets, write_export

@@ -1,4 +1,4 @@
-"""Writes the report of a run: one page with its pictures, tables, formulas and running model."""
+"""Writes the report of a run: one page with plots, tables, formulas and a live model."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ PAGE = "report.html"
 
 @dataclass(frozen=True, slots=True)
 class WrittenReport:
-    """The page, and what it lacks."""
+    """The page, and warnings about missing contents."""
 
     path: Path
     warnings: tuple[Diagnostic, ...]
     is_live: bool
-    """Whether the model runs in it."""
+    """True if the model runs in the page."""
 
 
 def report(
@@ -47,17 +47,17 @@ def report(
     verification: str | Path | None = None,
     progress: RolloutProgress | None = None,
 ) -> WrittenReport:
-    """Writes a run as one HTML page that needs nothing else, by default `report.html` in the run.
+    """Writes a run as one self-contained HTML page, by default `report.html` in the run.
 
         written = msnn.report("runs/plant/latest", "plant.html")
         print(written.path, written.warnings)
         msnn.report("runs/plant/latest", data=frames)  # of a run that was trained on frames
 
-    `data` is as in `train`; None takes that of the spec, below `data_root`. Without any the page
-    has no records, and it says where it is not what the run was trained on.
-    `engine` simulates as in `validate`. `verification` is a file that `msnn verify --format json`
-    has written. Without the extra `zig` the model does not run in the page. Raises SpecError for
-    what is no run, and for one that has no weights.
+    `data` is as in `train`; None means the data of the spec, below `data_root`. Without data the
+    page shows no recordings; data other than those of the training are marked. `engine` is as in
+    `validate`. `verification` is an output file of `msnn verify --format json`. Without the extra
+    `zig` the page has no live model. Raises SpecError for a folder that is not a run, and for a run
+    without weights.
     """
     from backends.files.atomic_write import write_text
     from msnn.errors.results import reports as errors
@@ -118,7 +118,7 @@ def _other_data(*, were_given: bool) -> Diagnostic:
 
 
 def _are_others(data: Dataset, run: Run) -> bool:
-    """Whether the run was trained on other numbers than these; False where it does not say."""
+    """True if the run was trained on other data; False if this is unknown."""
     from msnn.training.records.run_record import data_hash
 
     trained_on = run.description["data"].get("sha256")
@@ -140,7 +140,7 @@ def _measured(
     progress: RolloutProgress | None,
     warnings: list[Diagnostic],
 ) -> tuple[Dataset | None, tuple[Simulation, ...], ValidationReport | None]:
-    """The data, free runs over them, what is measured; none of what cannot be had."""
+    """The data, simulations and metrics; each is empty if it is not available."""
     from msnn.api.measurements import needs_data, validate_on
     from msnn.errors.results import reports as errors
     from msnn.exports.prepare import loop_fault
@@ -189,7 +189,7 @@ def _measured(
 def _read(
     model: Model, frames: Frames | None, data_root: str | Path | None, warnings: list[Diagnostic]
 ) -> Dataset | None:
-    """The data of the session or of the spec; None after a warning of what the page lacks."""
+    """The data of the caller or of the spec; None after a warning about the missing contents."""
     from msnn.api.measurements import needs_data
     from msnn.errors.results import reports as errors
     from msnn.model.model_data import measured
@@ -211,7 +211,7 @@ def _read(
 
 
 def _line(folder: Path) -> RunLine | None:
-    """The line of the run in the log of trainings beside it."""
+    """The line of the run in the log of trainings."""
     from msnn.training.records import run_log
 
     # a run lies in the folder of its model below the log, a fold in its run
@@ -225,7 +225,7 @@ def _line(folder: Path) -> RunLine | None:
 
 
 def _verification(file: Path) -> dict[str, Any]:
-    """Reads the output of `msnn verify --format json`; SpecError for any other file."""
+    """The output of `msnn verify --format json`; SpecError for any other file."""
     from msnn.errors.results import reports as errors
     from spec_schema.reading.endless_files import refuse_endless
 

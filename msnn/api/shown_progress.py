@@ -1,4 +1,4 @@
-"""Chooses who hears how far a training is: a terminal, a notebook, a function, or nobody."""
+"""Selects the receiver of training progress: a terminal, a notebook, a function, or none."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, describe
 
 Event: TypeAlias = StageStart | EpochEnd | StageEnd | Diagnostic
 Hearer: TypeAlias = Progress | Callable[[Event], object] | bool | None
-"""None shows lines in terminals and notebooks; True shows them everywhere, False nowhere."""
+"""None shows lines in terminals and notebooks; True shows them always, False never."""
 
 _AGAIN = 0.2
-"""Seconds between two looks of a notebook's line."""
+"""Minimum seconds between two updates in a notebook."""
 
 
 def heard_by(hearer: Hearer) -> Progress:
-    """The progress that a caller of `train` asks for."""
+    """The progress object for an argument of `train`."""
     if hearer is None or isinstance(hearer, bool):
         # a notebook's stderr is no terminal, and carriage returns pile up there
         if hearer is not False and in_notebook():
@@ -49,14 +49,14 @@ def heard_by(hearer: Hearer) -> Progress:
 
 
 def in_notebook() -> bool:
-    """Whether a Jupyter kernel runs this; IPython in a terminal is a terminal."""
+    """True in a Jupyter kernel; IPython in a terminal counts as a terminal."""
     # looked for, not imported: a script need not wait for it
     shell: Any = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return shell is not None and hasattr(shell, "kernel")
 
 
 class Called:
-    """Gives every event to one function."""
+    """Passes every event to one function."""
 
     def __init__(self, hear: Callable[[Event], object]) -> None:
         self._hear = hear
@@ -75,7 +75,7 @@ class Called:
 
 
 class NotebookLines:
-    """Shows a bar and a line a stage, below the cell, which are drawn anew as epochs end."""
+    """Shows a progress bar and one line per stage below the cell, updated with epochs."""
 
     def __init__(self) -> None:
         self._display: Any = import_module("IPython.display")

@@ -1,4 +1,4 @@
-"""Trains models: once, once a fold, by a loop of one's own."""
+"""Trains models: once, per fold, or in a user-written loop."""
 
 from __future__ import annotations
 
@@ -34,23 +34,24 @@ def train(
     progress: Hearer = None,
     ranks: TrainingRanks | None = None,
 ) -> ShownTraining:
-    """Trains the stages of a spec on its data and returns the best weights of the last.
+    """Trains the stages of a spec on its data, and returns the best weights of the last stage.
 
         result = msnn.train(msnn.load("plant.msnn.yaml"))
         print(result.weights["k"], result.folder)
         result.to_frame()  # result.plot(); a notebook shows the tables
 
-    `data` are frames of pandas or polars or mappings of arrays, with the columns that the spec
-    names, one a record: a single one, a list, or either for each set, `{"train": a, "val": b}`.
-    None takes the data of the spec. `runs` None keeps no files and finds no standard errors, nor
-    the covariance that prediction intervals need; `tensorboard` adds curves to the files. `device`
-    is where torch computes: cpu, cuda, cuda:N or auto; `weights` is where the first stage begins,
-    by default the initial values. `progress` None shows lines where somebody watches: a terminal, a
-    notebook; True everywhere, False nowhere; a function is given every event, a `StageStart`,
-    `EpochEnd`, `StageEnd` or a warning. `ranks` are the processes that train together, of which
-    only the first keeps files: `GlooRanks()` of `msnn.training.ranks` in each of
-    those that torchrun has started. Raises SpecError, TrainingDivergedError,
-    TrainingInterruptedError and MissingExtraError.
+    `data` are pandas or polars frames or mappings of arrays, with the columns named in the spec,
+    one per recording: a single one, a list, or either for each set, `{"train": a, "val": b}`. None
+    means the data of the spec. `runs` None writes no files and computes no standard errors, nor the
+    covariance for prediction intervals; `tensorboard` adds curves to the files. `device` is the
+    device of torch: cpu, cuda, cuda:N or auto. `weights` are the initial weights of the first
+    stage, by default the initial values.
+
+    `progress` None shows lines in a terminal or notebook; True always, False never; a function
+    receives every event, a `StageStart`, `EpochEnd`, `StageEnd` or a warning. `ranks` are the
+    processes of a distributed training, of which only the first writes files: `GlooRanks()` of
+    `msnn.training.ranks` in each process started by torchrun. Raises SpecError,
+    TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
     """
     from msnn.api.results.trainings import shown_training
     from msnn.api.shown_progress import heard_by
@@ -101,13 +102,13 @@ def train_folds(
     weights: Weights | None = None,
     progress: Hearer = None,
 ) -> ShownFolds:
-    """Trains once for every fold of `split: {by: kfold, k}`, and measures it on the fold.
+    """Trains once per fold of `split: {by: kfold, k}`, and evaluates each on its held-out fold.
 
         result = msnn.train_folds(msnn.load("plant.msnn.yaml"))
         print([fold.monitor for fold in result.folds], result.best.training.weights)
 
-    Arguments and errors as of `train`; frames are of one set, which the folds divide. SpecError
-    also where the data have no folds.
+    Arguments and errors are as in `train`; frames form one set, which is divided into folds. Raises
+    SpecError also if the data have no folds.
     """
     from msnn.api.results.trainings import ShownFolds
     from msnn.api.shown_progress import heard_by
@@ -146,7 +147,7 @@ def stage_loss(
     device: str = "cpu",
     weights: Weights | None = None,
 ) -> StageLoss:
-    """The loss of one stage as a torch module whose forward and backward are the kernel's.
+    """The loss of one stage as a torch module; forward and backward use the kernel.
 
         loss = msnn.stage_loss(model)
         optimizer = torch.optim.RAdam(loss.parameters(), lr=1e-3)
@@ -158,8 +159,8 @@ def stage_loss(
         weights = loss.weights()
 
     Rollouts, batches, dtype, `freeze` and loss weights are those of the stage; its optimiser,
-    schedule and limits of gradients are yours. `data` and `device` as in `train`. Raises SpecError
-    and MissingExtraError.
+    schedule and gradient clipping are ignored. `data` and `device` are as in `train`. Raises
+    SpecError and MissingExtraError.
     """
     # before the data are read: the message needs none
     TORCH.require("gives the loss of a stage as a module")

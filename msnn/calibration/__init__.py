@@ -1,1 +1,1 @@
-"""Completes what calibration tools read of an export by what was built from it."""
+"""Completes the description for calibration tools with addresses from the built program."""

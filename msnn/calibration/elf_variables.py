@@ -13,7 +13,7 @@ from msnn.packages import ELFTOOLS
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _ADDRESS, _INDEX = 0x03, 0xA1
-"""DW_OP_addr and DW_OP_addrx: an address, and the number of one in a table."""
+"""DW_OP_addr and DW_OP_addrx: an address, and an index into the address table."""
 _ALIASES = ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type")
 _STRUCTS = ("DW_TAG_structure_type", "DW_TAG_class_type")
 _DEEPEST = 8
@@ -29,10 +29,10 @@ class DwarfMember:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A variable of one of the wanted types, or such a member of another variable."""
+    """A variable of one of the requested types, or such a member of another variable."""
 
     name: str
-    """`controller`, or `vehicle.controller` of a member."""
+    """`controller`, or `vehicle.controller` for a member."""
     type: str
     address: int
     members: Mapping[str, DwarfMember] = field(compare=False, hash=False)
@@ -40,22 +40,20 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Elf:
-    """The instances of wanted types in a file."""
+    """The variables of the requested types in a file."""
 
     big_endian: bool
     instances: tuple[Instance, ...]
     texts: Mapping[str, tuple[int, str]] = field(default_factory=dict[str, tuple[int, str]])
-    """Address and text of the wanted arrays of characters that are in the image, by name."""
+    """Address and contents of the requested character arrays in the image, by name."""
 
 
 def elf_variables(path: Path, types: Iterable[str], texts: Iterable[str] = ()) -> Elf:
     """All variables with a fixed address that are, or contain, one of these typedefs.
 
-    `texts` are names of arrays of characters; a linker may have dropped them.
-
-    One in another counts too: parameters beside their checksum.
-
-    Raises MissingExtraError without pyelftools, SpecError for a file without DWARF, OSError.
+    `texts` are names of character arrays, which a linker may have removed. Nested structs count
+    too, such as parameters next to their checksum. Raises MissingExtraError without pyelftools,
+    SpecError for a file without DWARF, and OSError.
     """
     ELFTOOLS.require("reads the addresses")
     elf_file: Any = import_module("elftools.elf.elffile").ELFFile
@@ -105,14 +103,14 @@ def _all_instances(dwarf: Any, types: frozenset[str]) -> Iterator[Instance]:
 
 
 def _declaration(die: Any) -> Any:
-    """The entry that names a variable which is defined apart from its declaration."""
+    """The declaration of a variable whose definition is separate."""
     while "DW_AT_specification" in die.attributes:
         die = die.get_DIE_from_attribute("DW_AT_specification")
     return die
 
 
 def _address(dwarf: Any, unit: Any, location: Any) -> int | None:
-    """None for what lies in a register, on a stack, or nowhere any more."""
+    """The fixed address; None for variables in a register, on a stack, or optimised away."""
     if location.form not in ("DW_FORM_exprloc", "DW_FORM_block1"):
         return None
     expression = bytes(location.value)
@@ -175,7 +173,7 @@ def _offset(die: Any) -> int:
 
 
 def _value(die: Any, attribute: str, missing: int = 0) -> int:
-    """A number; 0 of what is computed when the program runs, which generated C has nowhere."""
+    """A constant attribute; 0 for run-time expressions, which generated C does not have."""
     value = die.attributes[attribute].value if attribute in die.attributes else missing
     return value if isinstance(value, int) else missing
 

@@ -1,4 +1,4 @@
-"""Fills the ASAP2 file of an export with the addresses of its instance in an ELF file."""
+"""Adds the addresses of variables in an ELF file to the ASAP2 file of an export."""
 
 from __future__ import annotations
 
@@ -29,22 +29,21 @@ OPTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """The completed file, and what was taken for each struct."""
+    """The completed file, and the variable of each struct."""
 
     text: str
     instances: Mapping[str, Instance]
-    """By struct."""
+    """Variable by struct."""
     objects: int
-    """How many have an address now."""
+    """Number of objects with an address."""
     warnings: tuple[Diagnostic, ...]
 
 
 def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled:
     """The ASAP2 file of the export with addresses of the variables in the ELF file.
 
-    `chosen` names the variable of a struct where there is more than one. Without it parameters are
-    a variable of their type other than the defaults, if there is one. Raises SpecError,
-    MissingExtraError, OSError.
+    `chosen` names the variable of a struct if there are several. Otherwise parameters are the only
+    variable of their type besides the defaults. Raises SpecError, MissingExtraError, OSError.
     """
     text, description = _export(export)
     prefix: str = description["prefix"]
@@ -142,7 +141,7 @@ def _compare(instance: Instance, sizes: Mapping[str, int], findings: Findings) -
 
 
 def _symbols(instances: Mapping[str, Instance]) -> dict[str, Symbol]:
-    """By what an export links an object to: type and member; of a segment the type alone."""
+    """Symbols by the link of an export: type and member; for a segment the type only."""
     whole = {each.type: Symbol(each.name, each.address) for each in instances.values()}
     return whole | {
         f"{instance.type}.{member}": Symbol(

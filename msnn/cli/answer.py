@@ -1,4 +1,4 @@
-"""Turns what a command raised into what the user reads and the exit code."""
+"""Converts exceptions of a command to messages and an exit code."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def answer(error: Exception) -> ExitCode:
-    """Says what is wrong on stderr; BUG, and nothing said, for an error that nobody foresaw."""
+    """Prints the error to stderr; returns BUG without a message for unexpected exceptions."""
     match error:
         case SpecError():
             report(error.diagnostics, error.sources)

@@ -1,4 +1,4 @@
-"""The verbs of `msnn` as one application, and what becomes of all that can go wrong in one."""
+"""Combines the commands of `msnn` to one application, and handles all errors."""
 
 from __future__ import annotations
 
@@ -44,13 +44,15 @@ VERBS = (
 )
 """In the order of `msnn --help`; each is a function in a file of its name."""
 _MODULES = {"import": "import_"}
-"""Files of verbs that are words of Python."""
+"""Modules of commands whose names are Python keywords."""
 _FUNCTIONS = {"import": "import_", "compile": "compile_"}
-"""Functions of verbs that are words or functions of Python."""
+"""Functions of commands whose names are Python keywords or built-ins."""
 
 
 def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
-    """The command line with these verbs: to read the options of all takes longer than to check."""
+    """The command line with these commands; parsing the options of all takes longer than
+    `check`.
+    """
     app = typer.Typer(
         name="msnn",
         cls=VerbGroup,
@@ -111,7 +113,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _ended_writing(path: Path, results: Sequence[str]) -> int:
-    """Puts the result where `-o` says, also one that says what is wrong."""
+    """Writes the result to the file of `-o`, even if it reports errors."""
     from backends.files.atomic_write import write_text
 
     try:
@@ -154,7 +156,7 @@ def _ended(arguments: Sequence[str]) -> int:
 
 
 def _tell_kept_messages() -> None:
-    """Prints the log of SARIF, which has what ended the command too."""
+    """Prints the SARIF log, including the error that ended the command."""
     from msnn.cli.console import sarif_result
 
     try:
@@ -164,7 +166,7 @@ def _tell_kept_messages() -> None:
 
 
 def _write_no_more() -> None:
-    """Nothing may be written when the process ends either."""
+    """Prevents further output when the process ends."""
     # the interpreter flushes stdout as it ends, which would fail once more and print a traceback
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

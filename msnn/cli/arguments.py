@@ -1,4 +1,4 @@
-"""Arguments that several verbs share."""
+"""Arguments shared by several commands."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ NewSettings: TypeAlias = Annotated[
 
 
 def refuse_two_origins(weights: Path | None, initial: bool) -> None:
-    """A usage error where both a file of weights and the initial values are asked for."""
+    """A usage error if both a weights file and the initial values are requested."""
     if weights is not None and initial:
         message = "takes other weights than `--weights`: give one of the two"
         raise typer.BadParameter(message, param_hint="'--initial'")
@@ -94,7 +94,7 @@ PlotFile: TypeAlias = Annotated[
 
 
 def refuse_undrawable(plot: Path | None) -> None:
-    """A usage error for a picture in no format of ours; MissingExtraError without matplotlib."""
+    """A usage error for an unknown plot format; MissingExtraError without matplotlib."""
     if plot is None:
         return
     from msnn.reports.plotting import FORMATS, require_plotting
@@ -125,7 +125,7 @@ RolloutEngine: TypeAlias = Annotated[
 
 
 EVERY_ENGINE = "all"
-"""Of `validate`: measures with each and compares them."""
+"""For `validate`: evaluates with every engine and compares them."""
 
 ValidationEngine: TypeAlias = Annotated[
     str,
@@ -148,7 +148,7 @@ class ResultFormat(StrEnum):
 
 
 def tell_messages(format: StrEnum) -> StrEnum:
-    """Tells messages of the whole command as its `--format` says; the others are the result's."""
+    """Sets the format of messages from `--format`; other formats apply to the result."""
     match format.value:
         # `text` and `json` say how the result looks; messages stay in full on stderr beside both
         case "concise" | "github" | "sarif" as chosen:

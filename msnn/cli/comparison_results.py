@@ -1,4 +1,4 @@
-"""Runs a comparison or a sweep, shows what it has found, and ends the command as it ended."""
+"""Runs a comparison or a sweep, prints its result, and sets the exit code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from msnn.training.training_result import TrainingInterruptedError
 
 @contextmanager
 def trials_shown(plot: Path | None, pause: float = 0.0) -> Generator[TrialLines]:
-    """Shows trials as they end, `pause` seconds between two lines; says how to go on after one."""
+    """Shows results of trainings as they complete, at most one line per `pause` seconds.
+
+    After an interrupt it prints how to continue.
+    """
     speak_once()
     refuse_undrawable(plot)
     try:
@@ -40,7 +43,9 @@ def show_comparison(
     plot: Path | None,
     most: int | None = None,
 ) -> None:
-    """The table, with `most` rows as text, notes and plot; an exit where something went wrong."""
+    """Prints the table (as text at most `most` rows), notes and plot; exits if a training
+    failed.
+    """
     if format is ResultFormat.JSON:
         json_result(verb, comparison_record(found))
     else:

@@ -1,4 +1,4 @@
-"""Prints what a command says: results to stdout, all else to stderr, colour where wanted."""
+"""Prints the output of a command: results to stdout, the rest to stderr, with optional colours."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     from msnn.model.model import Model
 
 JSON_VERSION = 1
-"""Version of what `--format json` prints, raised when a reader of the former one would misread."""
+"""Version of `--format json`; incremented for incompatible changes."""
 
 
 def result(text: str) -> None:
-    """Writes the command's result: to stdout, or at the end to the file of `-o`.
+    """Writes the result to stdout, or at the end to the file of `-o`.
 
-    Nothing where a log of SARIF is the result.
+    Writes nothing if the result is a SARIF log.
     """
     if NOW.messages != "sarif":
         _written(text)
 
 
 def sarif_result() -> None:
-    """The log of all that was reported, where messages are kept for it."""
+    """Prints the log of all diagnostics with `--format sarif`."""
     if NOW.messages == "sarif":
         _written(render(NOW.kept, "sarif"))
 
@@ -55,26 +55,26 @@ def json_result(command: str, content: dict[str, Any]) -> None:
 
 
 def json_text(command: str, content: dict[str, Any]) -> str:
-    """A result as JSON with its version; NaN and infinity are null, as JSON has neither."""
+    """A result as JSON text with its version; NaN and infinity become null."""
     record = {"version": JSON_VERSION, "command": command, **content}
     text = json.dumps(plain(record), ensure_ascii=False, indent=2, allow_nan=False)
     return printable_json(text)
 
 
 def note(text: str) -> None:
-    """Log and hints, one line."""
+    """Prints a hint in one line."""
     if not NOW.is_quiet:
         _say(printable(text), sys.stderr)
 
 
 def progress_stream() -> TextIO:
-    """The stream on which a command reports its progress; none with `--quiet`."""
+    """The stream for progress; discards output with `--quiet`."""
     # no stream that a test for a terminal takes for one: nothing is then rewritten in place
     return _Nowhere() if NOW.is_quiet or NOW.is_silent else sys.stderr
 
 
 class _Nowhere(io.StringIO):
-    """Takes text and forgets it; no terminal."""
+    """A stream that discards text and is not a terminal."""
 
     def write(self, text: str, /) -> int:
         return len(text)
@@ -97,7 +97,9 @@ def _say(text: str, stream: TextIO) -> None:
 
 
 def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> None:
-    """Diagnostics on stderr, as `--format` says; those in full stand apart from what comes next."""
+    """Prints diagnostics to stderr in the format of `--format`; full ones are separated by blank
+    lines.
+    """
     # kept even with `--quiet`: the log is the result, and readers of it filter by severity
     # themselves
     if NOW.messages == "sarif":
@@ -115,9 +117,9 @@ def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> 
 
 
 def report_model(model: Model) -> None:
-    """Prints the warnings of loading a model, with `--verbose` its remarks too.
+    """Prints the warnings of loading a model, with `--verbose` also its remarks.
 
-    Raises as `spare_files_of`.
+    Raises the errors of `spare_files_of`.
     """
     spare_files_of(model)
     remarks = model.remarks if NOW.is_verbose else ()
@@ -125,7 +127,7 @@ def report_model(model: Model) -> None:
 
 
 def spare_files_of(model: Model) -> None:
-    """A usage error where the command would overwrite a file of the model or of its data."""
+    """A usage error if the command would overwrite a file of the model or its data."""
     if NOW.outputs:
         NOW.outputs.spare(_files_of(model))
 
@@ -146,7 +148,7 @@ def _files_of(model: Model) -> Iterator[Path]:
 
 
 def wants_color(stream: TextIO) -> bool:
-    """Whether a stream shows colours: no-color.org, FORCE_COLOR, then whether it is a terminal."""
+    """True if a stream shows colours: NO_COLOR (no-color.org), FORCE_COLOR, or a terminal."""
     # no-color.org: present and not empty, whatever its value
     if os.environ.get("NO_COLOR"):
         return False
@@ -157,7 +159,7 @@ def wants_color(stream: TextIO) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """A JSON value without what JSON cannot say: NaN and infinity become null."""
+    """A JSON value with NaN and infinity replaced by null."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in cast("dict[str, Any]", value).items()}
     if isinstance(value, list):

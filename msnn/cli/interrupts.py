@@ -1,4 +1,4 @@
-"""Ends a command at Ctrl-C and SIGTERM in the same way, from its first import on."""
+"""Handles Ctrl-C and SIGTERM identically, from the first import on."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ if TYPE_CHECKING:
     from typing import Any
 
 _HEARD: list[int] = []
-"""The signals that have interrupted this process."""
+"""Received interrupt signals of this process."""
 INTERRUPTED = 130  # ExitCode.INTERRUPTED, which is not loaded yet
 
 
 def expect_early_interrupts() -> None:
-    """Lets Ctrl-C end `msnn` in one word while it loads, before `main` listens.
+    """Handles Ctrl-C without a traceback while `msnn` is loading, before `main` runs.
 
-    Programs that import msnn end as they like.
+    Does not affect other programs that import msnn.
     """
     # while a package is imported for `python -m`, that is all that Python says of it
     is_module = sys.argv[:1] == ["-m"] and "msnn" in sys.orig_argv
@@ -38,7 +38,7 @@ def _told(kind: type[BaseException], error: BaseException, trace: Any) -> None:
 
 
 def interrupt_on_signals() -> None:
-    """Lets Ctrl-C and SIGTERM raise KeyboardInterrupt; one that the process ignores stays so."""
+    """Lets Ctrl-C and SIGTERM raise KeyboardInterrupt, unless the process ignores the signal."""
     import signal
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -55,12 +55,12 @@ def _interrupt(number: int, frame: object) -> None:
 
 
 def was_interrupted() -> bool:
-    """Whether a signal came since `interrupt_on_signals`, also one whose error a library caught."""
+    """True if a signal was received, even if a library caught its KeyboardInterrupt."""
     return bool(_HEARD)
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether KeyboardInterrupt is behind an error: libraries turn it into errors of their own."""
+    """True if an exception was caused by KeyboardInterrupt; libraries may wrap it."""
     found: BaseException | None = error
     while found is not None:
         if isinstance(found, KeyboardInterrupt):

@@ -1,6 +1,7 @@
-"""The command `msnn`: ends this process with the exit code of its command, even while it starts.
+"""The entry point `msnn`: ends the process with the exit code of the command.
 
-Loading the verbs takes a while; this module loads next to nothing, to be there for Ctrl-C first.
+Loading the commands takes a while. This module imports almost nothing, so that Ctrl-C is handled
+early.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from msnn.project.away_from_folder import load_away_from_folder
 from msnn.project.late_metadata import load_metadata_when_asked
 
 _LOOKING = frozenset({"check", "compile", "diff", "show"})
-"""Verbs that need numpy for little more than the constants of a spec."""
+"""Commands that use numpy for little more than the constants of a spec."""
 
 
 def main() -> NoReturn:
-    """Runs the command line of this process and ends it with the command's exit code."""
+    """Runs the command line of this process, and ends it with the command's exit code."""
     # Loading makes many objects and hardly any garbage: looking for it took a tenth of `check`.
     gc.set_threshold(100_000, 20, 20)
     # numpy would start a thread for each core, which take their time to wait: see decision 0380
@@ -65,7 +66,7 @@ def main() -> NoReturn:
 
 
 def _open_closed_streams() -> None:
-    """Lets a stream that was closed (`>&-`) be read as empty, and written to nowhere."""
+    """Replaces closed streams (`>&-`): input is empty, output is discarded."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             # takes the closed one's number, which would be that of the next file that is opened
@@ -73,7 +74,7 @@ def _open_closed_streams() -> None:
 
 
 def _leave(code: int) -> None:
-    """Ends the process as it is: to free each object of it first took a twentieth of `check`."""
+    """Ends the process without freeing its objects, which would take a twentieth of `check`."""
     try:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, TextIOWrapper):

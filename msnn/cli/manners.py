@@ -1,4 +1,4 @@
-"""Gives every verb the options that all have: how much it says, and where its result goes."""
+"""Adds the common options to every command: verbosity, and the output file."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.late_dataclass import dataclass
 
 Messages = Literal["full", "concise", "github", "sarif"]
-"""How messages are told: as text, as annotations of GitHub, or kept for one log of SARIF."""
+"""Format of messages: text, GitHub annotations, or one SARIF log."""
 
 
 @dataclass(slots=True)
 class Manners:
-    """The options of the running command that say how it speaks."""
+    """The common options of the running command."""
 
     is_quiet: bool = False
     is_verbose: bool = False
     is_silent: bool = False
-    """Whether another process speaks for this one: not even errors are told."""
+    """True if another process prints the messages, including errors."""
     output: Path | None = None
     results: list[str] = field(default_factory=list[str])
-    """What goes to `output` when the command is over."""
+    """Results, written to `output` when the command ends."""
     messages: Messages = "full"
     outputs: Outputs = field(default_factory=Outputs)
-    """The files that its options replace or add to."""
+    """The files that options of the command replace or extend."""
     data_root: Path | None = None
     kept: list[Diagnostic] = field(default_factory=list[Diagnostic])
-    """Messages of the log of SARIF, which is the only result then."""
+    """Messages for the SARIF log, which is then the only result."""
 
 
 # global, as what prints is called from everywhere; `forget_manners` keeps commands of one process
 # apart
 NOW = Manners()
-"""Of the one command that this process runs."""
+"""The options of the one running command."""
 
 
 # in place, as others have imported NOW: a new object would leave them with the old one
 def forget_manners() -> None:
-    """Before a command: as if no option had been given."""
+    """Resets the options before a command."""
     NOW.is_quiet, NOW.is_verbose, NOW.output = False, False, None
     NOW.messages, NOW.is_silent = "full", False
     NOW.data_root = None
@@ -58,7 +58,7 @@ def forget_manners() -> None:
 
 
 def terminal_width() -> int | None:
-    """Columns that tables may take; None where no terminal shows them."""
+    """Maximum width of tables; None if the output is not a terminal."""
     # asked for only of a terminal: without one it answers COLUMNS or 80, and files would be cut to
     # that
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
@@ -78,20 +78,20 @@ _Output = Annotated[
     ),
 ]
 ADDED = ("be_quiet", "be_verbose", "write_to")
-"""The parameters that verbs get."""
+"""The added parameters of commands."""
 
 STANDARD_OUTPUT = Path("-")
-"""As `-o` of other tools has it."""
+"""Standard output, as in other tools."""
 
 _OWN_PLACES = {"out", "output"}
-"""Parameters of verbs that have a place of their own for what they write."""
+"""Parameters of commands that name the output themselves."""
 
 WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary", "json", "report"}
-"""Parameters of verbs that name what is replaced or added to."""
+"""Parameters of commands that name replaced or extended files."""
 
 
 def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
-    """The verb with `-q`, `-v`, and `-o` where its own options name no place to write to."""
+    """Adds `-q`, `-v`, and also `-o` if the command's own options name no output."""
     # typer reads the types of options, which `from __future__ import annotations` leaves as texts
     own = signature(verb, eval_str=True)
     options: dict[str, tuple[Any, bool | None]] = {
@@ -126,7 +126,7 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 def _paths(arguments: Mapping[str, object], names: Iterable[str]) -> list[Path]:
-    """The paths among values of options, in their order."""
+    """The paths among the values of options, in order."""
     chosen = [arguments[name] for name in arguments if name in set(names)]
     several = [cast("list[object]", one) if isinstance(one, list) else [one] for one in chosen]
     return [path for each in several for path in each if isinstance(path, Path)]

@@ -1,4 +1,4 @@
-"""Keeps a command from writing to a file that it reads, or that a training has kept."""
+"""Prevents a command from overwriting a file that it reads or that belongs to a run."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _WRITES = os.O_WRONLY | os.O_RDWR
 
 
 class Outputs:
-    """The files that exist and that the running command is going to replace or to add to.
+    """The existing files that the running command will replace or extend.
 
-    A usage error ends the command as soon as it opens one of them to read: an audit hook of Python
-    sees every file that is opened. A reader in C or in another process reports its file itself, by
+    A usage error ends the command when it opens one of them for reading: a Python audit hook
+    observes every opened file. A reader in C or in another process reports its file with
     `sys.audit("open", path, "r", os.O_RDONLY)`.
     """
 
@@ -27,15 +27,15 @@ class Outputs:
         self._is_watching = False
 
     def __bool__(self) -> bool:
-        """Whether anything that exists can be lost."""
+        """True if an existing file may be overwritten."""
         return bool(self._files)
 
     def forget(self) -> None:
-        """After a command: nothing is written any more."""
+        """Clears the files after a command."""
         self._files.clear()
 
     def protect(self, *outputs: Path) -> None:
-        """Adds outputs; BadParameter for two of one name and for a file that a run has kept."""
+        """Adds outputs; BadParameter for duplicates and for files of a run."""
         new = [path.absolute() for path in outputs if not path.exists()]
         if twice := [path for path in new if new.count(path) > 1]:
             raise typer.BadParameter(f"`{twice[0]}` would be written twice")
@@ -54,7 +54,7 @@ class Outputs:
             self._is_watching = True
 
     def spare(self, read: Iterable[Path]) -> None:
-        """BadParameter where one of these files is written."""
+        """BadParameter if one of these files is an output."""
         for path in read if self._files else ():
             written = self._files.get(_identity(path) or (0, 0))
             if written is not None:
@@ -68,7 +68,7 @@ class Outputs:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """The volume and the number of a file on it; None where there is no regular file."""
+    """The device and inode of a regular file; None for other paths."""
     try:
         found = path.stat()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Joins a command to the others that torchrun has started, of which one speaks for all."""
+"""Joins a command with other processes started by torchrun; only one prints messages."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ if TYPE_CHECKING:
 
 @contextmanager
 def joined_ranks() -> Generator[GlooRanks | None]:
-    """The processes that torchrun has started; None for a command on its own.
+    """The processes started by torchrun; None for a single process.
 
-    The first one says how it goes. What ends the command is said by the process that meets it
-    first.
+    The first one shows progress. An error is printed by the process that meets it first.
     """
     # found in the environment that torchrun sets, so that a command on its own never loads torch
     # here
@@ -46,12 +45,12 @@ def joined_ranks() -> Generator[GlooRanks | None]:
 
 
 def _is_of_lost_rank(error: BaseException) -> bool:
-    """Whether it says where the training is kept, which the first process alone knows."""
+    """True if it states where the training is saved, which only the first process knows."""
     return isinstance(error, SpecError) and any(d.code == "E0867" for d in error.diagnostics)
 
 
 def speak_once() -> None:
-    """Lets the first process alone say why a command ends that trains in one process."""
+    """Lets only the first process print the error of a command without distributed training."""
     if is_one_of_several():
         # torchrun ends the others soon: what there is to say is said before
         signal.signal(signal.SIGTERM, signal.SIG_IGN)

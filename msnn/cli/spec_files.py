@@ -1,4 +1,4 @@
-"""Finds the specs that a command line names: files, folders of them, or standard input."""
+"""Finds the specs named on a command line: files, folders, or standard input."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from msnn.model.saved_run import DESCRIPTION
 STANDARD_INPUT = Path("-")
 _ENDINGS = (".msnn.yaml", ".msnn.yml", ".msnn.json")
 _MADE = {"build", "runs"}
-"""Folders that msnn writes; what a run has kept is no spec of its own."""
+"""Output folders of msnn; copies of specs in runs are skipped."""
 
 
 def spec_files(paths: Sequence[Path]) -> Iterator[Path]:
-    """Every file, and of a folder all specs in and below it in the order of their names.
+    """Every file, and for a folder all specs in and below it, ordered by name.
 
-    The folder of a run stands for itself. A folder without specs is a usage error.
+    The folder of a run counts as one model. A folder without specs is a usage error.
     """
     for path in paths:
         # the folder of a run is loaded as one model, with the settings that it was trained with
@@ -44,5 +44,5 @@ def _below(folder: Path) -> Iterator[Path]:
 
 
 def text_of(file: Path) -> str | None:
-    """The text of standard input, where the file is `-`; None for others."""
+    """The text of standard input if the file is `-`, else None."""
     return sys.stdin.read() if file == STANDARD_INPUT else None

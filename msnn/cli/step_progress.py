@@ -1,4 +1,4 @@
-"""Shows how far a simulation is, where somebody waits for it."""
+"""Shows the progress of a simulation."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from typing import TextIO
 from msnn.terminals import is_live
 
 _FIRST = 1.0
-"""Seconds before anything is said: most simulations are over by then."""
+"""Seconds before the first message; most simulations are shorter."""
 
 _AGAIN = 0.1, 5.0
 """Seconds between two messages, on a terminal and elsewhere."""
 
 
 class StepProgress:
-    """Lines on a stream; on a terminal one line that is rewritten, and gone at the end."""
+    """Progress lines; on a terminal one line that is rewritten, and cleared at the end."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._live = stream, is_live(stream)
         self._began: tuple[float, int] | None = None
-        """When it was first told anything, and of how many steps."""
+        """Time of the first call and its number of steps."""
         self._next = 0.0
         self._said = False
 
     def told(self, done: int, total: int) -> None:
-        """So many steps are done, of so many."""
+        """Receives the number of completed steps and the total."""
         now = time.monotonic()
         if self._began is None:
             self._began, self._next = (now, done), now + _FIRST

@@ -1,4 +1,4 @@
-"""Verbs on the command line, which say what to do with a word that they have no place for."""
+"""Defines commands with helpful errors for unexpected arguments."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _UsageError: Any = BadParameter.__bases__[0]
 
 
 class VerbGroup(TyperGroup):
-    """Says where an option belongs that stands before its verb."""
+    """Suggests the position of an option that is placed before the command."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As typer does it, but for an option that a verb may know."""
+        """Like typer, except for an option that may belong to a command."""
         first, *others = args or [""]
         own = {option for parameter in self.get_params(ctx) for option in parameter.opts}
         verb = next((word for word in others if word in self.commands), None)
@@ -26,7 +26,7 @@ class VerbGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
-        """As typer does it; what a message quotes of the command line begins no line."""
+        """Like typer; quoted parts of the command line are made printable."""
         try:
             return super().invoke(ctx)
         except _UsageError as error:
@@ -35,10 +35,10 @@ class VerbGroup(TyperGroup):
 
 
 class VerbCommand(TyperCommand):
-    """Refuses words beyond its arguments; files of data are given by an option."""
+    """Rejects extra arguments; data files are passed by an option."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As typer does it; what is left over ends the command with a repair."""
+        """Like typer; extra arguments end the command with a suggestion."""
         # so that click hands the words back instead of refusing them without a repair
         ctx.allow_extra_args = True
         left = super().parse_args(ctx, args)

@@ -1,1 +1,1 @@
-"""Starts a project, and looks at the installation."""
+"""Creates projects, and inspects the installation."""

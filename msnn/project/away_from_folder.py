@@ -1,7 +1,7 @@
-"""Loads packages that take files of the working folder for their own while it is another one.
+"""Imports packages outside the working folder, because they would load files from it.
 
-matplotlib reads a `matplotlibrc` that lies there. NVIDIA's libraries, which torch loads, look for
-`libcuda.so.1` there before they look in the system, and run it.
+matplotlib reads a `matplotlibrc` in the working folder. NVIDIA's libraries, which torch loads, look
+for `libcuda.so.1` there first, and run it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _PACKAGES = frozenset({"torch", "matplotlib"})
 
 @contextlib.contextmanager
 def away_from_folder() -> Generator[None]:
-    """Makes the folder of this module the working folder for as long as the block takes."""
+    """Changes the working folder to that of this module within the block."""
     with contextlib.ExitStack() as stack:
         # where the working folder is gone, nothing is found in it either
         with contextlib.suppress(FileNotFoundError):
@@ -27,19 +27,19 @@ def away_from_folder() -> Generator[None]:
 
 
 def load_away_from_folder() -> None:
-    """Lets this process load these packages so from now on."""
+    """Activates this import behaviour for the process."""
     if _Finder not in sys.meta_path:
         sys.meta_path.insert(0, _Finder)
 
 
 class _Finder:
-    """Finds these packages as Python does; the working folder is another one as they are loaded."""
+    """A finder that imports these packages normally, but with another working folder."""
 
     @classmethod
     def find_spec(
         cls, name: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """As `importlib.abc.MetaPathFinder.find_spec`; None for all other modules."""
+        """See `importlib.abc.MetaPathFinder.find_spec`; None for all other modules."""
         if name not in _PACKAGES:
             return None
         found = PathFinder.find_spec(name, path, target)

@@ -1,4 +1,4 @@
-"""Finds what is installed of all that msnn can use, and how to install what is missing."""
+"""Finds installed dependencies, and the commands to install missing ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spec_schema.version import __version__
 
 @dataclass(frozen=True)
 class InstalledPart:
-    """One part: what it is for, what was found of it, and what installs it where it is missing."""
+    """One dependency: its purpose, the installed version, and the install command if missing."""
 
     name: str
     purpose: str
@@ -24,7 +24,7 @@ class InstalledPart:
 
 
 def installation() -> Iterator[InstalledPart]:
-    """Every part, looked up without importing it."""
+    """Every dependency, found without importing it."""
     yield InstalledPart("msnn", "", __version__)
     yield InstalledPart(
         "python", "", f"{platform.python_version()} on {platform.platform(terse=True)}"

@@ -1,4 +1,4 @@
-"""Says where compiled kernels are kept and what lies there, and cleans it."""
+"""Describes the cache of compiled kernels, and cleans it."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 @dataclass(frozen=True, slots=True)
 class KernelCache:
-    """The folder that is taken, why it is not the wanted one, and the kernels in it."""
+    """The cache folder in use, the reason if it is not the preferred one, and its kernels."""
 
     taken: KernelFolder
     kernels: Sequence[KeptKernel]
 
     @property
     def text(self) -> str | None:
-        """The folder and what lies there on one line; None where no folder can be taken."""
+        """The folder and its contents in one line; None if no folder can be used."""
         if self.taken.path is None:
             return None
         return f"{self.taken.path} (trusted; {_size(self.kernels)})"
 
     @property
     def warnings(self) -> tuple[Diagnostic, ...]:
-        """Warns that another folder was wanted, where it was."""
+        """A warning if another folder was preferred."""
         return kernel_folder_warnings(self.taken)
 
     def values(self) -> dict[str, Any]:
@@ -50,15 +50,15 @@ class KernelCache:
 
 
 def kernel_cache() -> KernelCache:
-    """The kernels that are kept now."""
+    """The currently cached kernels."""
     taken = kernel_folder()
     return KernelCache(taken, [] if taken.path is None else kept_kernels(taken.path))
 
 
 def cleaned_cache(limits: CacheLimits) -> str:
-    """Cleans the folder that is wanted, full as it may be; says what was removed.
+    """Cleans the preferred folder, even if it is full; returns a text about removed files.
 
-    SpecError where others may write to it: nobody knows then whose files these are.
+    Raises SpecError if other users may write to it, because the files may be theirs.
     """
     refused = kernel_folder().refused
     # the wanted folder, though another is taken because it is full: that is when one cleans

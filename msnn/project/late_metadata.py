@@ -1,7 +1,7 @@
-"""A stand-in for `importlib.metadata` that loads it when somebody asks for something of it.
+"""A proxy for `importlib.metadata` that imports it on first use.
 
-pydantic imports it to look for plugins, also where it is told to look for none. With what it reads
-in turn, `email` and `zipfile` among others, that took a twentieth of `check`.
+pydantic imports it to search for plugins, even if plugins are disabled. With its own imports, such
+as `email` and `zipfile`, that took a twentieth of `check`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _NAME = "importlib.metadata"
 
 
 def load_metadata_when_asked() -> None:
-    """Lets `importlib.metadata` be imported at no cost; whatever it is asked for, it answers."""
+    """Makes the import of `importlib.metadata` free; its contents are loaded on first use."""
     if _NAME not in sys.modules:
         stand_in = _StandIn(_NAME)
         found = find_spec(_NAME)
@@ -29,17 +29,19 @@ def load_metadata_when_asked() -> None:
 
 
 class _StandIn(ModuleType):
-    """Gives `entry_points` as a function that waits, because it is taken when pydantic starts."""
+    """Provides `entry_points` as a lazy function, because pydantic takes a reference to it
+    early.
+    """
 
     def entry_points(self, **wanted: str) -> Any:
-        """As `importlib.metadata.entry_points`."""
+        """See `importlib.metadata.entry_points`."""
         return self._loaded().entry_points(**wanted)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._loaded(), name)
 
     def _loaded(self) -> ModuleType:
-        """The module itself, in this one's place from now on."""
+        """The real module, which replaces the proxy."""
         if sys.modules.get(_NAME) is self:
             del sys.modules[_NAME]
         return importlib.import_module(_NAME)

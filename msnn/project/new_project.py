@@ -1,4 +1,4 @@
-"""Makes the folder of a new project: a spec that works, a little data to train it, a README."""
+"""Creates the folder of a new project: a working spec, a little training data, a README."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ IGNORED = "build/\nruns/\n"
 
 
 def new_project(folder: Path) -> Path:
-    """Makes the folder, whose name becomes that of the model, whole or not at all.
+    """Creates the folder atomically; its name becomes that of the model.
 
-    Raises SpecError where something is there already or the name is not one, OSError.
+    Raises SpecError if the folder exists or its name is invalid, and OSError.
     """
     name = project_name(folder)
     return write_project(folder, _texts(name))
 
 
 def project_name(folder: Path) -> str:
-    """The name of the model; SpecError where it is none, or something is there already."""
+    """The name of the model; SpecError if it is invalid, or if the folder exists."""
     name = folder.name
     wrong = f"it is not a word of at most {LONGEST_NAME} letters and digits"
     reason = wrong if not is_name(name) else why_reserved(name)
@@ -42,7 +42,7 @@ def project_name(folder: Path) -> str:
 
 
 def write_project(folder: Path, texts: Mapping[str, str]) -> Path:
-    """Writes the folder with these texts, by the paths of their files; OSError."""
+    """Writes the folder with texts by file path. Raises OSError."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     # on the same disk, where a rename is one operation: the folder is there whole or not at all
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:

@@ -1,8 +1,8 @@
-"""Checks that a checkout's generic package names mean the folders beside `msnn`, not a stranger's.
+"""Checks that the generic package names of a checkout refer to the folders next to `msnn`.
 
-A user's own `compiler.py` in the working folder would be imported in place of the compiler, and
-fail far away from the cause. Installed from a wheel, the packages lie below `msnn.` (decision
-0258), and nobody's names are in the way.
+A user's `compiler.py` in the working folder would be imported instead of the compiler, and fail far
+from the cause. In a wheel, the packages are below `msnn.` (decision 0258), where no conflict is
+possible.
 """
 
 import importlib.util
@@ -13,9 +13,9 @@ COMPANIONS = ("spec_schema", "compiler", "backends", "templates")
 
 
 def check_package_names() -> None:
-    """Raises ImportError unless each companion package is the folder of that name beside `msnn`.
+    """Raises ImportError unless each companion package is the folder of that name next to `msnn`.
 
-    Only looks the names up; it imports none of them.
+    The names are only located, not imported.
     """
     # a wheel: the companions are below `msnn`
     if all((HOME / "msnn" / name).is_dir() for name in COMPANIONS):

@@ -1,4 +1,4 @@
-"""Opens processes that have slow modules when they begin, where the platform lets them."""
+"""Creates processes with preloaded slow modules, if the platform supports it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def process_context(modules: Sequence[str]) -> BaseContext:
-    """Processes forked from a server that has done nothing but import, or started afresh.
+    """Processes forked from a server that only imports modules, or spawned.
 
-    Forked from this one they would share locks of numpy's and torch's threads in the state of the
-    moment. The server is started once by a process of Python, and knows the modules of that time;
-    others are imported where they are needed. Its environment is that of the time too.
+    Processes forked from this one would inherit locks of numpy's and torch's threads. The server
+    starts once per process, with the modules and environment of that time; other modules are
+    imported on demand.
     """
     # Windows
     if "forkserver" not in multiprocessing.get_all_start_methods():
@@ -34,9 +34,9 @@ def process_context(modules: Sequence[str]) -> BaseContext:
 
 @contextmanager
 def children_off_working_folder() -> Generator[None]:
-    """Processes of Python that begin meanwhile import nothing from the working folder.
+    """New Python processes do not import modules from the working folder within the block.
 
-    They would look there first, as `python -c` does: a user's `statistics.py` is not Python's.
+    Otherwise they would, like `python -c`: a user's `statistics.py` would replace Python's.
     """
     before = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"

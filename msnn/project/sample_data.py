@@ -1,4 +1,4 @@
-"""Simulates the records that a new project starts with: a mass on a spring, measured with noise."""
+"""Simulates the recordings of a new project: a mass on a spring with measurement noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LARGEST_FORCE = 5.0
 _POSITION_NOISE, _VELOCITY_NOISE = 1e-3, 5e-3
 _TRAIN, _TEST = 8, 2
 _FINE = 20
-"""Steps of the integrator in one sample: far more accurate than the noise is small."""
+"""Integrator steps per sample: the integration error is far below the noise."""
 
 
 def sample_records() -> dict[str, str]:
@@ -49,9 +49,9 @@ def _steps(random: np.random.Generator) -> NDArray[np.float64]:
 def _motion(
     force: NDArray[np.float64], x: float, v: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position and velocity at every row under a force that is held between rows.
+    """Position and velocity at every row; the force is constant between rows.
 
-    Velocity Verlet (Swope et al. 1982) with small steps; the damping enters implicitly.
+    Velocity Verlet (Swope et al. 1982) with small steps and implicit damping.
     """
     positions, velocities = np.empty(_ROWS), np.empty(_ROWS)
     h = SAMPLE_TIME / _FINE

@@ -1,4 +1,4 @@
-"""Checks what the compiler leaves: that data, train, validate and export fit the model."""
+"""Checks the workflow: do data, train, validate and export fit the model?"""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def checked_model(
     text: str | None = None,
     unsaved: Mapping[str, str] | None = None,
 ) -> Model:
-    """The model in a file, or in `text` as if it stood there, with all that `msnn check` finds.
+    """The model in a file, or in `text` with that path, with all findings of `msnn check`.
 
-    `unsaved` are texts of other specs that hold in place of their files, by their real paths.
-    Raises SpecError if any of that is an error. Its `warnings` are those of reading, compiling and
-    of the workflow, and remarks.
+    `unsaved` maps real paths of other specs to texts that replace their files. Raises SpecError if
+    there is an error. Its `warnings` include those of reading, compiling and the workflow, and
+    remarks.
     """
     model = load_model(path, settings, strict_units=strict_units, text=text, unsaved=unsaved)
     diagnostics = (*model.warnings, *model.remarks, *check_workflow(model))
@@ -44,11 +44,11 @@ def checked_model(
 
 
 def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
-    """Everything that is wrong with the sections that train, validate and export the model.
+    """All findings in the sections that train, validate and export the model.
 
-    No data is read and nothing is written: stages, metrics and exports are planned as they would
-    run, so that a name that one of them lacks is found here. What plans a section is loaded for
-    specs that have it.
+    No data are read and nothing is written. Stages, metrics and exports are planned as they would
+    run, so that missing names are found here. The planner of a section is imported only if the spec
+    has it.
     """
     findings = Findings()
     spec = model.spec
@@ -99,7 +99,7 @@ def _columns(model: Model, sections: Sequence[Data], findings: Findings) -> None
 
 
 def _readers(data: Data, findings: Findings) -> None:
-    """Formats that cannot be read here are said before anything else has taken time."""
+    """Reports formats that cannot be read here, before any slow operation."""
     for source in data.source.values():
         for pattern in source.files:
             kind = format_of(pattern.value)

@@ -1,4 +1,4 @@
-"""Compares two models entry by entry; says whether only names or comments changed."""
+"""Compares two models entry by entry; detects changes of names or comments only."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DOC = "doc"
 
 @dataclass(frozen=True)
 class ChangedValue:
-    """One value of the canonical spec: `None` stands for one that is not there."""
+    """A changed value of the canonical spec; `None` means the value does not exist."""
 
     path: str
     old: Any
@@ -31,11 +31,11 @@ class ChangedValue:
 
 @dataclass(frozen=True)
 class SpecDifference:
-    """Every change, and the most that can be said of all together.
+    """All changes, and their common classification.
 
-    `same`: not a character that matters. `text`: comments, layout, docs, or another way to write
-    the same program. `renamed`: one name for another, `renames` says which. `workflow`: only how it
-    is trained, validated, exported, controlled or estimated. `model`: another model.
+    `same`: identical in all significant characters. `text`: comments, layout, docs, or another form
+    of the same program. `renamed`: names differ only, see `renames`. `workflow`: only training,
+    validation, export, control or estimation differ. `model`: the models differ.
     """
 
     kind: Kind
@@ -44,13 +44,13 @@ class SpecDifference:
 
     @property
     def workflow(self) -> tuple[str, ...]:
-        """The sections of the workflow that say something else now."""
+        """The workflow sections that differ."""
         touched = {change.path.partition(".")[0] for change in self.changes if not _is_doc(change)}
         return tuple(section for section in workflow() if section in touched)
 
     @property
     def is_same(self) -> bool:
-        """Whether both mean the same."""
+        """True if both specs have the same meaning."""
         return self.kind in ("same", "text")
 
 
@@ -79,7 +79,7 @@ def _is_doc(change: ChangedValue) -> bool:
 
 
 def _meaning(program: Program) -> Program:
-    """The program without what says nothing of its values: hash and docs."""
+    """The program without its hash and docs, which do not affect its values."""
     return replace(
         program,
         spec_hash="",
@@ -117,7 +117,7 @@ def _list_of_tables(value: Any) -> list[Any]:
 
 
 def _renames(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
-    """The names that differ while they stand at the same place; {} where the counts differ."""
+    """The renamed entries, matched by position; empty if the numbers of entries differ."""
     renames: dict[str, str] = {}
     if old.get("name") != new.get("name"):
         renames[old["name"]] = new["name"]
@@ -137,7 +137,7 @@ _WORD = re.compile(r"(?<![\w.])[A-Za-zͰ-Ͽ][A-Za-z0-9_Ͱ-Ͽ]*")
 
 
 def _renamed(value: Any, renames: Mapping[str, str], *, unit: bool = False) -> Any:
-    """The value with each name replaced, in keys and in expressions; units stay as they are."""
+    """The value with names replaced in keys and expressions; units are unchanged."""
     match value:
         case dict():
             table = cast("dict[str, Any]", value)

@@ -1,4 +1,4 @@
-"""Decides what pictures of simulations show: which runs first, which numbers of vectors."""
+"""Selects the contents of simulation plots: order of runs, and elements of vectors."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from msnn.simulation.simulate import Simulation
 from spec_schema.units.unit import Unit
 
 MOST_CHANNELS = 8
-"""Numbers of all outputs, or of all inputs, that a picture has room for."""
+"""Maximum number of elements of all outputs, or of all inputs, in a plot."""
 MOST_ELEMENTS = 6
-"""Of one vector."""
+"""Maximum number of elements of one vector."""
 _FIRST = ("test", "val", "train")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnNumber:
-    """One number of an output or a signal, over the steps of a run."""
+    """One element of an output or a signal, over the steps of a run."""
 
     name: str
-    """`v`, or of a vector `q[1]`."""
+    """`v`, or `q[1]` for a vector."""
     source: str
-    """The output or signal that it is of."""
+    """The output or signal that contains it."""
     index: tuple[int, ...]
     unit: str
     low: float | None
     high: float | None
-    """Ends of its declared range."""
+    """Limits of its declared range."""
     predicts: tuple[str, int] | None = None
-    """The channel that it predicts, and how many samples ahead."""
+    """The predicted channel, and the number of samples ahead."""
     predicted_source: str = ""
     """The signal of that channel."""
     error_unit: str = ""
-    """The unit of its errors, K of one in degC."""
+    """The unit of its errors: K for degC."""
 
     def of(self, values: FloatArray) -> FloatArray:
-        """Its numbers among the (steps, *shape) of its source."""
+        """Its values, extracted from the (steps, *shape) of its source."""
         return np.asarray(values[(slice(None), *self.index)], np.float64)
 
 
 def shown_first(runs: Sequence[Simulation]) -> list[Simulation]:
-    """The runs with those of the test set first, then validation, then training."""
+    """The runs sorted by set: test, validation, training."""
 
     def rank(run: Simulation) -> int:
         sets = set(run.places.sets)
@@ -64,7 +64,7 @@ def element_name(name: str, index: tuple[int, ...]) -> str:
 
 
 def channels(signals: Sequence[Signal]) -> list[DrawnNumber]:
-    """The numbers of signals, the first few of each vector."""
+    """The elements of signals, at most MOST_ELEMENTS per vector."""
     found: list[DrawnNumber] = []
     for signal in signals:
         low, high = signal.range or (None, None)
@@ -86,7 +86,7 @@ def channels(signals: Sequence[Signal]) -> list[DrawnNumber]:
 
 
 def output_channels(program: Program) -> list[DrawnNumber]:
-    """The numbers of outputs, those that predict something first."""
+    """The elements of outputs, predicting ones first."""
     found: list[DrawnNumber] = []
     # False sorts first
     for output in sorted(program.outputs, key=lambda output: output.predicts is None):
@@ -125,7 +125,7 @@ def _indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
 
 
 def unit_of(unit: Unit | None) -> str:
-    """As axes have it: nothing where there is none, or where a number has none."""
+    """The unit for axes; empty for dimensionless quantities."""
     return "" if unit is None or unit.text == "1" else unit.text
 
 

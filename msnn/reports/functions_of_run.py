@@ -1,4 +1,4 @@
-"""Reads what a run has learned, as functions that can be drawn."""
+"""Loads the functions that a run has learned, for plotting."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def functions_of_run(run: Run) -> tuple[LearnedFunction, ...]:
-    """Functions over the range of the run's data, where these are here; none without weights."""
+    """Functions over the range of the run's data, if available; empty without weights."""
     weights = run.folder / WEIGHTS
     if not weights.is_file():
         return ()

@@ -1,4 +1,4 @@
-"""Writes the equations of a spec as papers print them, in LaTeX."""
+"""Formats the equations of a spec as LaTeX."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spec_schema.sections.spec import Spec
 
 
 def latex_text(spec: Spec) -> str:
-    """An `align*` environment: equations, states, outputs and losses, each in its order."""
+    """An `align*` environment with equations, states, outputs and losses, each in order."""
     lines = [f"  {left} &= {right}" for left, right in formulas(spec)]
     body = " \\\\\n".join(lines)
     return f"\\begin{{align*}}\n{body}\n\\end{{align*}}"
@@ -44,7 +44,7 @@ def formulas(spec: Spec) -> Iterator[tuple[str, str]]:
 
 
 def _start(init: InitialState) -> str:
-    """The initial value of each run; of one that is fitted also where the search for it begins."""
+    """The initial value of each run; for an estimated one also the initial guess."""
     begin = None if init.expression is None else expression_latex(init.expression)
     if init.fit is None:
         assert begin is not None
@@ -54,7 +54,7 @@ def _start(init: InitialState) -> str:
 
 
 def _predicted(prediction: Prediction) -> str:
-    """The signal with a hat, at the sample that is predicted."""
+    """The predicted signal with a hat, at the predicted sample."""
     ahead: Samples | Duration = prediction.ahead
     # `predicts: y` means y[t]
     is_now = isinstance(ahead, Samples) and ahead.count == 0

@@ -1,7 +1,7 @@
-"""Draws what a model has learned as functions: taps of filters, and curves of one or two values.
+"""Samples the functions that a model has learned: filter taps, and curves of one or two variables.
 
-A layer is drawn as the spec calls it, an equation as a function of the inputs and states that it
-depends on. Each is compiled as a small model of its own and evaluated over the range of the data.
+A layer is drawn with the arguments of its call in the spec, an equation as a function of its inputs
+and states. Each is compiled as a small separate model, and evaluated over the range of the data.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from spec_schema.yaml_tree.writer import yaml_text
 
 _POINTS = 241
 _STEPS = 300
-"""Of each record, from which the range of what a function is called with is taken."""
+"""Steps per recording, from which the ranges of arguments are determined."""
 MOST_FUNCTIONS = 16
-"""That a picture or a page has room for."""
+"""Maximum number of functions in a plot or a page."""
 _MOST_CURVES = 8
 _DYNAMICS = ("inputs", "targets", "states", "outputs", "integrator", "doc")
 _DRAWN_LAYERS = ("fuzzify", "interpolation", "mlp", "equation_learner")
@@ -52,7 +52,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedFunction:
-    """A function, sampled: every curve over the same x."""
+    """A sampled function: all curves over the same x."""
 
     title: str
     x: FloatArray
@@ -60,12 +60,12 @@ class LearnedFunction:
     y_label: str
     curves: tuple[Curve, ...]
     is_taps: bool = False
-    """Whether x are samples of a filter: stems, no lines between them."""
+    """True if x are samples of a filter, drawn as stems."""
     left_out: int = 0
-    """Curves that it has no room for."""
+    """Number of omitted curves."""
 
     def titled(self, drawn: int) -> str:
-        """Its title, and how many curves are missing where so many are drawn."""
+        """Its title, with the number of missing curves if only `drawn` are shown."""
         missing = self.left_out + len(self.curves) - min(drawn, len(self.curves))
         curves = "curve" if missing == 1 else "curves"
         return f"{self.title} ({missing} {curves} not drawn)" if missing else self.title
@@ -73,15 +73,15 @@ class LearnedFunction:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """An expression to draw as a function of others."""
+    """An expression to draw as a function of its arguments."""
 
     title: str
     expression: str
-    """With the arguments `a0`, `a1`."""
+    """The expression with the arguments `a0`, `a1`."""
     arguments: tuple[str, ...]
     needs: frozenset[str]
     renamed: tuple[str, ...]
-    """What the arguments are called in it."""
+    """Names of the arguments in the expression."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class _Argument:
 def learned_functions(
     model: Model, weights: Weights, data: Dataset | None
 ) -> tuple[LearnedFunction, ...]:
-    """Taps of every filter; of a model without sub-models also curves over the data's range."""
+    """Taps of every filter; without sub-models also curves over the data's range."""
     found = list(_taps(model.program, weights))
     # a part of a linked model cannot be cut out: what connects its inputs stands in other files
     if data is not None and not model.read.used:
@@ -129,7 +129,7 @@ def _taps(program: Program, weights: Weights) -> Iterator[LearnedFunction]:
 
 
 def _layers(spec: Spec) -> Iterator[_Candidate]:
-    """Layers without memory, as the spec first calls them with one or two values."""
+    """Memoryless layers with one or two arguments, with those of their first call."""
     calls: dict[str, Call] = {}
     for call in calls_in((spec.equations, spec.outputs, spec.states, spec.layers)):
         if isinstance(call.function, Name):
@@ -154,7 +154,7 @@ def _layers(spec: Spec) -> Iterator[_Candidate]:
 
 
 def _equations(spec: Spec, program: Program) -> Iterator[_Candidate]:
-    """Equations that one or two inputs or states decide, with something learned."""
+    """Equations with learned parameters that depend on one or two inputs or states."""
     learned = {p.name.partition(".")[0] for p in program.parameters if p.learn}
     for name, equation in spec.equations.items():
         needs = _needed(spec, names_in(equation.expr))
@@ -170,7 +170,7 @@ def _equations(spec: Spec, program: Program) -> Iterator[_Candidate]:
 
 
 def _is_layer_call(expression: Expression, spec: Spec) -> bool:
-    """Whether it is drawn as a layer already."""
+    """True if it is already drawn as a layer."""
     return (
         isinstance(expression, Call)
         and isinstance(expression.function, Name)
@@ -179,7 +179,7 @@ def _is_layer_call(expression: Expression, spec: Spec) -> bool:
 
 
 def _needed(spec: Spec, names: Iterator[str] | Sequence[str]) -> set[str]:
-    """All that names stand for, down to inputs, states and parameters."""
+    """All dependencies of the names, down to inputs, states and parameters."""
     waiting, found = list(names), set[str]()
     while waiting:
         name = waiting.pop()
@@ -207,7 +207,7 @@ def _curves(
 def _ranges(
     model: Model, weights: Weights, data: Dataset, texts: Sequence[str]
 ) -> dict[str, _Argument]:
-    """The ranges in the data of arguments that are one number; runs begin at records."""
+    """The ranges of scalar arguments in the data; simulations start at recordings."""
     outputs = {f"argument{number}": {"expr": text} for number, text in enumerate(texts)}
     probe = _compiled(model, {"outputs": outputs}, (*workflow(), "losses"))
     if probe is None or not texts:
@@ -235,7 +235,7 @@ def _ranges(
 def _evaluated(
     model: Model, weights: Weights, candidate: _Candidate, arguments: Sequence[_Argument]
 ) -> LearnedFunction | None:
-    """The function over a grid; None for one that remembers, or has more than one number."""
+    """The function over a grid; None if it has memory or several elements."""
     inputs: dict[str, Any] = {
         name: {"unit": argument.unit} if argument.unit else {}
         for name, argument in zip(candidate.renamed, arguments, strict=True)
@@ -281,7 +281,7 @@ def _compiled(
     without: Sequence[str],
     needs: frozenset[str] | None = None,
 ) -> Program | None:
-    """The model's spec with other sections; None where that is no model."""
+    """The model's spec with changed sections, compiled; None if that fails."""
     data = {key: value for key, value in spec_data(model.spec).items() if key not in without}
     # only what the function needs: other entries read inputs that the small model has not
     if needs is not None:
@@ -296,5 +296,5 @@ def _compiled(
 
 
 def _own(program: Program, weights: Weights) -> dict[str, FloatArray]:
-    """The weights that a part of the model has."""
+    """The weights of the parameters in a part of the model."""
     return {p.name: weights[p.name] for p in program.parameters if p.name in weights}

@@ -1,4 +1,4 @@
-"""Makes figures that no window shows; only here matplotlib is needed, an optional extra."""
+"""Makes figures without windows; only this module needs matplotlib, an optional extra."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ FORMATS = ("png", "svg", "pdf")
 
 MEASURED, SIMULATED, ERROR, INPUT, LIMIT = "#8d98a5", "#0072b2", "#d55e00", "#009e73", "#b3266c"
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
-"""Colours that everybody can tell apart (Okabe and Ito 2008)."""
+"""Colours suitable for colour-blind readers (Okabe and Ito 2008)."""
 
 
 def require_plotting() -> None:
-    """Raises MissingExtraError where matplotlib is not installed."""
+    """Raises MissingExtraError if matplotlib is not installed."""
     MATPLOTLIB.require("draws plots")
 
 
 def new_figure(rows: int) -> Any:
-    """A figure that no window shows, `rows` axes high. MissingExtraError without matplotlib."""
+    """A figure without a window, with `rows` rows of axes. MissingExtraError without matplotlib."""
     require_plotting()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -35,19 +35,19 @@ def new_figure(rows: int) -> Any:
 
 
 def saved_figure(figure: Any, path: Path) -> Path:
-    """Writes it whole or not at all, in the format that the name ends with."""
+    """Writes the figure atomically, in the format of the suffix."""
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix.removeprefix("."), dpi=120)
     return path
 
 
 def plain_text(text: str) -> str:
-    """Text of a file or a spec in which matplotlib sees no formulas."""
+    """The text, escaped so that matplotlib finds no formulas."""
     return text.replace("$", r"\$")
 
 
 def draw_line(axis: Any, along: FloatArray, values: FloatArray, **style: Any) -> None:
-    """Draws a line, and dots where a value stands between gaps, of which a line shows nothing."""
+    """Draws a line, and dots for isolated values between gaps, which a line would not show."""
     axis.plot(along, values, **style)
     known = np.concatenate([[False], np.isfinite(values), [False]])
     lone = known[1:-1] & ~known[:-2] & ~known[2:]
@@ -57,7 +57,7 @@ def draw_line(axis: Any, along: FloatArray, values: FloatArray, **style: Any) ->
 
 
 def legend_above(axis: Any) -> None:
-    """The legend in one line over the axis, where it hides nothing."""
+    """Draws the legend in one line above the axis."""
     handles, labels = axis.get_legend_handles_labels()
     # both limits are one entry
     entries = dict(zip(labels, handles, strict=True))

@@ -1,4 +1,4 @@
-"""Reads the folder of a training run without trust, and says what the run was and reached."""
+"""Reads the folder of a training run as untrusted input, and summarises it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from spec_schema.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrainedStage:
-    """A stage that has begun: the attempt that leads, with all its epochs."""
+    """A stage that has begun: the leading attempt with all its epochs."""
 
     reached: StageEnd
     epochs: tuple[EpochEnd, ...]
@@ -58,21 +58,21 @@ class Run:
     description: Mapping[str, Any]
     stages: tuple[TrainedStage, ...]
     parameters: Mapping[str, Any] | None
-    """As `parameters_record` made it; None for a run that did not come to its end."""
+    """The record of `parameters_record`; None for an incomplete run."""
 
     @property
     def end(self) -> Mapping[str, Any]:
-        """The end of the run, the reasons of its stages, its warnings."""
+        """The record of the run's end: state, reasons of stages, warnings."""
         return self.description.get("end") or {}
 
     @property
     def state(self) -> str:
-        """`finished`, `interrupted`, `diverged`, or that nobody has written how it ended."""
+        """`finished`, `interrupted`, `diverged`, or a text if the end was not recorded."""
         return self.end.get("state", "not ended: it still runs, or was killed")
 
 
 def read_run(folder: Path) -> Run:
-    """The run in a folder. Raises SpecError for a folder that is none, or of another version."""
+    """The run in a folder. Raises SpecError for other folders and other versions."""
     folder = run_of(folder) or folder
     description = read_json(folder / DESCRIPTION)
     try:
@@ -82,7 +82,7 @@ def read_run(folder: Path) -> Run:
 
 
 def _other_writer(description: Mapping[str, Any]) -> str | None:
-    """The version of msnn that wrote a run, where it is not this one and can be told."""
+    """The version of msnn that wrote a run, if it is known and differs from this one."""
     match description.get("versions"):
         case {"msnn": str(version)} if version != __version__:
             return version
@@ -121,7 +121,7 @@ def _epochs(metrics: Path) -> Iterator[EpochEnd]:
 
 
 def _number(value: float | None) -> float:
-    """JSON has null for what is not finite."""
+    """The number; null in JSON means NaN."""
     return math.nan if value is None else float(value)
 
 
@@ -142,7 +142,7 @@ def _stage(attempts: Mapping[int, list[EpochEnd]], reason: str) -> TrainedStage:
 
 
 def run_text(run: Run) -> str:
-    """Tables of what the run was made of, what it reached, and how to go on from it."""
+    """Tables of the run's configuration and results, and commands to continue."""
     parts = [_heading(run)]
     if run.stages:
         parts.append(stages_table([(stage.reached, stage.losses) for stage in run.stages]))
@@ -169,7 +169,7 @@ def run_record(run: Run) -> dict[str, Any]:
 
 
 def commands(run: Run) -> dict[str, str]:
-    """The command lines that go on from the run, as a shell takes them."""
+    """Shell commands that continue from the run."""
     spec = run.description.get("spec")
     if not isinstance(spec, str):
         spec = str(run.folder / SPEC)
@@ -203,7 +203,7 @@ def _settings(run: Run) -> list[str]:
 
 
 def _options(run: Run) -> list[str]:
-    """The other options of the run's command line, as far as they are kept."""
+    """Further options of the run's command line, as far as they were saved."""
     is_fold = run.folder.name.startswith(FOLD)
     device = run.description.get("device", "cpu")
     words = [] if device == "cpu" else ["--device", device]
@@ -238,7 +238,7 @@ def _heading(run: Run) -> str:
 
 
 def _is_unchanged(run: Run) -> bool:
-    """Whether the spec is still what was trained, as far as its file can be found."""
+    """True if the spec is unchanged since the training, as far as its file can be found."""
     spec = run.description.get("spec")
     try:
         now = Path(str(spec)).read_text(encoding="utf-8")

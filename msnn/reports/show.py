@@ -1,4 +1,4 @@
-"""Describes a program to people: its interface, memory, parameters, and the samples it reads."""
+"""Describes a program for users: interface, states, parameters, and the samples it reads."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from spec_schema.units.unit import Unit
 
 
 def interface_text(program: Program, others: Iterable[Program] = ()) -> str:
-    """Tables of what a program in window form exchanges, remembers and learns.
+    """Tables of the ports, states and parameters of a program in window form.
 
-    `others` are those of a controller and an estimator: what their costs alone read is a state too.
+    `others` are programs of a controller and an estimator, whose costs may use further states.
     """
     step = _step_form(program)
     sections = [
@@ -49,7 +49,7 @@ def interface_text(program: Program, others: Iterable[Program] = ()) -> str:
 
 
 def interface_record(program: Program) -> dict[str, Any]:
-    """The interface of the step form as JSON values, as exports describe it too."""
+    """The interface of the step form as JSON values, in the format of exports."""
     # brings the interpreter with it, which tables do not need
     from backends.ports.metadata import interface_metadata
 
@@ -59,7 +59,7 @@ def interface_record(program: Program) -> dict[str, Any]:
 
 
 def windows_text(program: Program) -> str:
-    """The samples of every signal that the step, the losses and the start read, with the lines."""
+    """The samples that the step, the losses and the start read of every signal, with spec lines."""
     step, log = extents(program.step, log=False), extents(program.step, log=True)
     start = extents(program.start, log=True)
     rows = [
@@ -94,7 +94,7 @@ _WINDOW_HEADER = (
 
 
 def _duration(program: Program, extent: Extent | None) -> str:
-    """The time that the step's window covers: as a spec writes it, samples times sample time."""
+    """The duration of the step's window: samples times sample time."""
     if extent is None or program.sample_time is None:
         return ""
     return f"{(extent.last - extent.first + 1) * program.sample_time:g} s"
@@ -221,7 +221,7 @@ def _losses(program: Program) -> str:
 
 
 def _line(doc: str) -> str:
-    """The first line of a text that may have many."""
+    """The first line of a text."""
     return doc.strip().partition("\n")[0]
 
 

@@ -1,4 +1,4 @@
-"""Summarises a program in one line, with which `msnn check` ends."""
+"""Summarises a program in one line, the last line of `msnn check`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def summary_line(program: Program) -> str:
 
 
 def _previewed(program: Program) -> list[str]:
-    """The inputs of which the deployed part reads samples that are not measured yet."""
+    """The inputs of which the deployed part reads future samples."""
     deployed = prune_outputs(program, [output.name for output in program.outputs])
     read = extents(deployed.step, log=False)
     names = (signal.name for signal in deployed.signals if signal.role is Role.INPUT)

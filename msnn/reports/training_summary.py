@@ -1,4 +1,4 @@
-"""Tells what a training reached: stages with their losses, learned parameters with units."""
+"""Summarises a training: stages with losses, learned parameters with units."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _MOST_SHOWN = 8
 
 
 class Recorded:
-    """Passes every event on and keeps how each stage ended, with the losses of its last epoch.
+    """Forwards every event, and records the end of each stage with its last losses.
 
-    It keeps all epochs where they are wanted, as no file does of a run without a folder.
+    With `keeps_epochs` it records all epochs, for a run without files.
     """
 
     def __init__(self, shown: Progress, *, keeps_epochs: bool = False) -> None:
@@ -49,7 +49,7 @@ class Recorded:
 
     @property
     def epochs(self) -> tuple[tuple[EpochEnd, ...], ...]:
-        """The epochs of every stage that has begun, by the attempt that leads."""
+        """The epochs of every stage that has begun, for the leading attempt."""
         return tuple(tuple(leading_epochs(attempts.values())) for attempts in self._epochs.values())
 
 
@@ -59,7 +59,7 @@ def stages_table(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> str:
 
 
 def stages_cells(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> Table:
-    """One row a stage: the best total on what is watched, the last losses on the training data."""
+    """One row per stage: the best watched total, and the last training losses."""
     losses = list(dict.fromkeys(name for _, found in stages for name in found))
     rows = [
         (
@@ -82,11 +82,9 @@ def parameters_table(record: Mapping[str, Any]) -> str:
 
 
 def parameters_cells(record: Mapping[str, Any]) -> Table:
-    """One row a parameter: where it began, what it is now, how sure that is, all in its unit.
+    """One row per parameter: initial value, learned value and standard error, in its unit.
 
-    The error of a temperature in degC is in K.
-
-    `record` is that of `parameters_record`.
+    The standard error of a temperature in degC is in K. `record` is that of `parameters_record`.
     """
     rows = [
         (
@@ -104,7 +102,7 @@ def parameters_cells(record: Mapping[str, Any]) -> Table:
 
 
 def errors_note(record: Mapping[str, Any]) -> str | None:
-    """The basis of the standard errors, or why there are none; None where nobody looked."""
+    """The basis of the standard errors, or the reason for missing ones; None if not computed."""
     found = record.get("standard_errors")
     if found is None:
         return None
@@ -118,7 +116,7 @@ def errors_note(record: Mapping[str, Any]) -> str | None:
 
 
 def zeros_note(record: Mapping[str, Any]) -> str | None:
-    """The numbers that penalties took to exactly 0; None where none is."""
+    """A text about elements that penalties set to exactly 0; None if there are none."""
     if "zero_slices" not in record:
         return None
     said: list[str] = []

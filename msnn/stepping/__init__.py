@@ -1,1 +1,1 @@
-"""Steps a model from Python, a sample at a time: what simulators and control loops need."""
+"""Steps a model from Python, one sample at a time, for simulators and control loops."""

@@ -1,4 +1,4 @@
-"""Says what a stepper asks of whatever computes its steps."""
+"""Defines the interface of step engines."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[Any]
 
 StepsBy: TypeAlias = Literal["c", "interpreter"]
-"""The compiled C of the export, or the interpreter in the arithmetic of that C."""
+"""The compiled C code of the export, or the interpreter in the same arithmetic."""
 
 
 class StepEngine(Protocol):
-    """One instance of a model. `inputs` and `outputs` are arrays of ctypes, field after field."""
+    """One instance of a model; `inputs` and `outputs` are ctypes arrays, field after field."""
 
     inputs: Any
     outputs: Any
 
     @property
     def name(self) -> StepsBy:
-        """The name of what computes."""
+        """The name of the engine."""
         ...
 
     @property
     def step(self) -> Callable[[], int]:
-        """Computes outputs of the inputs, and the states of the next step; status bits."""
+        """Computes outputs from the inputs, and the next states; returns status bits."""
         ...
 
     @property
     def waiting(self) -> int:
-        """BUFFERS_EMPTY and STATES_UNSET, as far as they hold."""
+        """The bits BUFFERS_EMPTY and STATES_UNSET, if they apply."""
         ...
 
     def init(self) -> None:
@@ -39,7 +39,7 @@ class StepEngine(Protocol):
         ...
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
-        """Sets all states, from samples around the first step; status bits."""
+        """Sets all states from samples around the first step; returns status bits."""
         ...
 
     def states(self) -> dict[str, Array]:
@@ -51,5 +51,5 @@ class StepEngine(Protocol):
         ...
 
     def no_longer_waits(self, bits: int) -> None:
-        """Takes bits away from `waiting`."""
+        """Clears bits of `waiting`."""
         ...

@@ -1,4 +1,4 @@
-"""Opens a stepper: the C of the model compiled here, or the interpreter where nothing compiles."""
+"""Opens a stepper: the compiled C code of the model, or the interpreter without a compiler."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from spec_schema.registry import ARITHMETICS
 
 
 def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
-    """The model as its spec says that it is exported to C.
+    """The model with the options of its C export.
 
-    Without a compiler it steps in the interpreter, and a RuntimeWarning says so. Raises SpecError
-    for an export that is wrong, or in fixed point.
+    Without a compiler the interpreter is used, with a RuntimeWarning. Raises SpecError for an
+    invalid export, or one in fixed point.
     """
     findings = Findings()
     # the numbers of what `msnn export --to c` writes, slices of 0 left out

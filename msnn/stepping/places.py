@@ -1,4 +1,4 @@
-"""Finds the values of a step by their names: where they stand, and what is taken of them."""
+"""Locates the values of a step by name, and validates assigned values."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class RealsPlace:
-    """A value among the reals of a struct: one number at `index`, or the array `view`."""
+    """A value among the reals of a struct: one element at `index`, or the array `view`."""
 
     name: str
     index: int
     view: Array | None
     refuses: bool = False
-    """Whether numbers that are not finite are refused: nothing replaces them."""
+    """True if non-finite values are refused, because no policy replaces them."""
 
     def number(self, value: Any) -> float:
-        """The value given for one number. ValueError where it is none, or not finite."""
+        """The value as float. ValueError if it is not a finite number."""
         try:
             number = float(value)
         except (TypeError, ValueError):
@@ -37,7 +37,7 @@ class RealsPlace:
         return number
 
     def put(self, value: ArrayLike) -> None:
-        """Writes an array. ValueError for another shape, or numbers that are not finite."""
+        """Writes an array. ValueError for another shape, or non-finite elements."""
         assert self.view is not None
         array = shaped(self.name, value, self.view.shape)
         if self.refuses and not np.isfinite(array).all():
@@ -47,7 +47,7 @@ class RealsPlace:
 
 
 def numbers_of(name: str, value: ArrayLike) -> Array:
-    """The array given for a value. ValueError where it is not made of numbers."""
+    """The value as array. ValueError if it is not numeric."""
     try:
         return np.asarray(value, np.float64)
     except (TypeError, ValueError):
@@ -55,7 +55,7 @@ def numbers_of(name: str, value: ArrayLike) -> Array:
 
 
 def shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """The same where it has a shape. ValueError for another one."""
+    """The value as array. ValueError for another shape."""
     array = numbers_of(name, value)
     if array.shape != shape:
         raise ValueError(f"`{name}` has shape {array.shape}, not {shape}")
@@ -63,7 +63,7 @@ def shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def not_finite(name: str, value: float) -> str:
-    """The reason why a value is refused, and what would take it."""
+    """The message for a refused value, with the policies that would accept it."""
     return (
         f"`{name}` is {value}: `on_invalid: clamp` or `hold` of the input replaces such values, "
         "`trust` lets them pass"
@@ -71,12 +71,12 @@ def not_finite(name: str, value: float) -> str:
 
 
 def not_a_start(name: str, value: float) -> str:
-    """The reason why no model begins there."""
+    """The message for an invalid initial state."""
     return f"`{name}` is {value}: no step brings a state back that is not finite; give a number"
 
 
 def refuses(signal: Signal) -> bool:
-    """Whether the C would only report what is not finite, and go on with it."""
+    """True if the C code would report non-finite values but still use them."""
     # `clamp` and `hold` replace such a value in C; `trust` promises that there is none
     return signal.on_invalid == "flag"
 

@@ -1,1 +1,1 @@
-"""Diagnostics: what they say, and how they are shown."""
+"""Diagnostics: their contents and their formats."""

@@ -1,4 +1,4 @@
-"""Holds what a user is told about a spec as data, apart from how it is printed."""
+"""Defines a message to the user as data, independent of its format."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -35,18 +35,18 @@ class Diagnostic:
     replacement: str | None = None
 
     def also_in(self, files: int) -> "Diagnostic":
-        """The same said of so many more files."""
+        """The same message with the number of further files it applies to."""
         more = f" … and {files} more file{'s' if files > 1 else ''}"
         # of a mistake in each of a thousand files one message is enough
         return replace(self, message=self.message + more) if files else self
 
     def seen_from(self, place: Span, label: str) -> "Diagnostic":
-        """The same with one further place, to which it matters."""
+        """The same message with a further place."""
         return replace(self, secondary=(*self.secondary, (place, label)))
 
     @property
     def printable(self) -> "Diagnostic":
-        """The same as it may be printed: its sentences may quote a file."""
+        """The same message with control characters of quoted files removed."""
         return replace(
             self,
             message=printable(self.message),
@@ -70,14 +70,14 @@ class Facts(TypedDict, total=False):
 def error(
     code: str, span: Span | None, message: str, label: str = "", **facts: Unpack[Facts]
 ) -> Diagnostic:
-    """Builds the diagnostic of a fault, which ends its stage."""
+    """Builds the diagnostic of an error, which ends its stage."""
     return Diagnostic(code=code, severity="error", message=message, span=span, label=label, **facts)
 
 
 def warning(
     code: str, span: Span | None, message: str, label: str = "", **facts: Unpack[Facts]
 ) -> Diagnostic:
-    """Builds the diagnostic of a doubt, with which its stage goes on."""
+    """Builds the diagnostic of a warning, after which its stage continues."""
     return Diagnostic(
         code=code, severity="warning", message=message, span=span, label=label, **facts
     )
@@ -86,7 +86,7 @@ def warning(
 def remark(
     code: str, span: Span | None, message: str, label: str = "", **facts: Unpack[Facts]
 ) -> Diagnostic:
-    """Builds the diagnostic of what is worth a thought and may well be meant: a note."""
+    """Builds the diagnostic of a note about something that may be intended."""
     return Diagnostic(code=code, severity="note", message=message, span=span, label=label, **facts)
 
 
@@ -105,63 +105,63 @@ class SpecError(Exception):
         super().__init__("; ".join(describe(diagnostic) for diagnostic in self.diagnostics))
 
     def __reduce__(self) -> tuple[type[Exception], tuple[object, ...]]:
-        """Crosses to another process as its diagnostics: a pool waits for ever on what cannot."""
+        """Pickles the exception by its diagnostics, so that a process pool can return it."""
         return SpecError, (self.diagnostics, self.sources)
 
     def _render_traceback_(self) -> list[str]:
-        """Shows the command line's message, whole, in a notebook in place of a traceback."""
+        """Shows the complete message in a notebook instead of a traceback."""
         return shown_whole(self.diagnostics, self.sources)
 
 
 def shown_whole(diagnostics: Iterable[Diagnostic], sources: Iterable[SourceText] = ()) -> list[str]:
-    """The lines that IPython asks an exception for: places, source lines and help, in colour."""
+    """The lines for IPython: places, source lines and help, in colour."""
     return in_full([found.printable for found in diagnostics], sources, color=True).splitlines()
 
 
 def describe(diagnostic: Diagnostic) -> str:
-    """One line: `file:line:column: error[E0301]: message`, as compilers print it."""
+    """One line in the format of compilers: `file:line:column: error[E0301]: message`."""
     span = diagnostic.span
     place = f"{span.file}:{span.line}:{span.column}: " if span else ""
     return printable(f"{place}{diagnostic.severity}[{diagnostic.code}]: {diagnostic.message}")
 
 
 class Findings:
-    """Collects the diagnostics of one stage, so that a user sees all of them at once."""
+    """Collects the diagnostics of one stage, so that all are shown together."""
 
     def __init__(self) -> None:
         # a dict keeps the order of reports and drops what is equal: a set would lose the order
         self._diagnostics: dict[Diagnostic, None] = {}
 
     def report(self, *diagnostics: Diagnostic) -> None:
-        """Adds diagnostics; one that is there already (an alias read twice) is not repeated."""
+        """Adds diagnostics without duplicates, e.g. from an alias that is read twice."""
         self._diagnostics.update(dict.fromkeys(diagnostics))
 
     def mark(self) -> int:
-        """The number of diagnostics so far; `forget` goes back to it."""
+        """The current number of diagnostics, as argument for `forget`."""
         return len(self._diagnostics)
 
     def since(self, mark: int) -> tuple[Diagnostic, ...]:
-        """The diagnostics that came after a mark."""
+        """The diagnostics added after a mark."""
         return tuple(self._diagnostics)[mark:]
 
     def forget(self, mark: int) -> None:
-        """Drops what came after a mark: an attempt that failed and does not matter."""
+        """Removes the diagnostics after a mark, for a failed attempt without consequences."""
         # what is reported again after `mark` kept its first place, and stays
         for diagnostic in list(self._diagnostics)[mark:]:
             del self._diagnostics[diagnostic]
 
     @property
     def in_order(self) -> tuple[Diagnostic, ...]:
-        """All diagnostics in the order of their places in the file; those without one come last."""
+        """All diagnostics in the order of their places; those without a place are last."""
         return tuple(sorted(self._diagnostics, key=_place))
 
     @property
     def failed(self) -> bool:
-        """Whether an error is among them."""
+        """True if there is an error."""
         return any(diagnostic.severity == "error" for diagnostic in self._diagnostics)
 
     def raise_errors(self) -> None:
-        """Raises SpecError with everything found if an error is among it."""
+        """Raises SpecError with all diagnostics if there is an error."""
         if self.failed:
             raise SpecError(self.in_order)
 

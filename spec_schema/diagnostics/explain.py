@@ -58,12 +58,12 @@ class Explanation:
 
 @cache
 def known_codes() -> tuple[str, ...]:
-    """All codes, in the order of their numbers."""
+    """All codes, ordered by number."""
     return tuple(sorted((path.stem for path in FOLDER.glob("*.md")), key=_number))
 
 
 def explain(code: str) -> Explanation:
-    """The explanation of a code, in whatever case it is written; KeyError where there is none."""
+    """The explanation of a code in upper or lower case; KeyError for an unknown one."""
     wanted = code.strip().upper()
     if wanted not in known_codes():
         raise KeyError(wanted)

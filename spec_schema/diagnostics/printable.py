@@ -22,20 +22,22 @@ _IN_JSON = {code: f"\\u{code:04x}" for code in _CODES if code >= 0x20}
 
 
 def printable(text: str) -> str:
-    """A part of a line with one sign for each control character, so that columns stay."""
+    """A line with each control character replaced by one character, so that columns are
+    preserved.
+    """
     return text.translate(_IN_A_LINE)
 
 
 def printable_json(text: str) -> str:
-    """JSON whose strings have no control character that JSON itself leaves as it is."""
+    """JSON text without control characters that JSON does not escape."""
     return text.translate(_IN_JSON)
 
 
 def printable_source(source: SourceText) -> SourceText:
-    """A file's name and text as they may be printed; tabs and ends of lines are its layout."""
+    """A file's name and text without control characters, except tabs and line ends."""
     return SourceText(printable(source.path), source.text.translate(_IN_A_TEXT))
 
 
 def printable_span(span: Span) -> Span:
-    """A place whose file's name may be printed."""
+    """A span with control characters removed from the file name."""
     return replace(span, file=printable(span.file))

@@ -1,4 +1,4 @@
-"""Prints diagnostics: in full with source lines, one a line, as JSON, for GitHub, as SARIF."""
+"""Formats diagnostics: in full with source lines, one per line, JSON, GitHub, SARIF."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -47,7 +47,7 @@ def render(
 
 
 def records(diagnostics: Iterable[Diagnostic]) -> list[dict[str, Any]]:
-    """The diagnostics as JSON values, for a program that prints them among other things."""
+    """The diagnostics as JSON values, for embedding in other output."""
     return [_record(diagnostic) for diagnostic in diagnostics]
 
 

@@ -1,4 +1,4 @@
-"""Renders a diagnostic in full: code, place, underlined source lines, notes and help."""
+"""Formats a diagnostic in full: code, place, underlined source lines, notes and help."""
 
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,7 +26,7 @@ class _Mark:
 
 
 class Told(Protocol):
-    """The parts of a diagnostic that are shown, all of them as they may be printed."""
+    """The displayed parts of a diagnostic, without control characters."""
 
     @property
     def code(self) -> str: ...
@@ -47,14 +47,14 @@ class Told(Protocol):
 
 
 def in_full(told: Iterable[Told], sources: Iterable[SourceText], *, color: bool) -> str:
-    """All diagnostics, an empty line between two; `sources` are the files whose lines are shown."""
+    """All diagnostics, separated by empty lines; `sources` are the files whose lines are shown."""
     # whole files at once: a name or a line can hold what would steer the terminal
     texts = {source.path: source for source in map(printable_source, sources)}
     return "\n\n".join(_full_text(each, texts, color) for each in told)
 
 
 def _full_text(diagnostic: Told, texts: Mapping[str, SourceText], color: bool) -> str:
-    """The diagnostic as rustc shapes it; `texts` are the sources by their names."""
+    """The diagnostic in the layout of rustc; `texts` are the sources by name."""
     main = diagnostic.span
     marks = [] if main is None else _marks(diagnostic, main)
     # wide enough for the largest line number, so that the bars stand in one column
@@ -75,7 +75,7 @@ def _full_text(diagnostic: Told, texts: Mapping[str, SourceText], color: bool) -
 
 
 def _marks(diagnostic: Told, main: Span) -> list[_Mark]:
-    """All underlines: those in the main file first, each file's in the order of its lines."""
+    """All underlines: first those in the main file, then by file and line."""
     marks = [_Mark(main, diagnostic.label, "^", _COLORS[diagnostic.severity])]
     marks.extend(_Mark(span, label, "-", _FRAME) for span, label in diagnostic.secondary)
     # False sorts before True: the main file comes first
@@ -92,7 +92,7 @@ class _Page:
         return f"\x1b[{code}m{text}\x1b[0m" if self.color else text
 
     def excerpts(self, main: Span, marks: list[_Mark]) -> Iterator[str]:
-        """Each marked source line with its underlines; `...` stands for lines left out."""
+        """Each marked source line with its underlines; `...` marks omitted lines."""
         file, shown, part = main.file, 0, slice(0, 0)
         for mark in marks:
             span = mark.span
@@ -119,7 +119,9 @@ class _Page:
                 yield self.underline(mark, line, part)
 
     def underline(self, mark: _Mark, line: str, part: slice) -> str:
-        """As wide as the place; a place of several lines is underlined to the end of its first."""
+        """The width of an underline; a multi-line place is underlined to the end of its first
+        line.
+        """
         span = mark.span
         # a mark that begins before the part is underlined from the beginning of the part on
         first = max(span.column - 1, part.start)
@@ -133,7 +135,7 @@ class _Page:
 
 
 def _shown_part(line: str, span: Span) -> slice:
-    """All of a line, or of a very long one what stands around the place."""
+    """The complete line, or the part around the place if the line is very long."""
     if len(line) <= _LONGEST_LINE:
         return slice(0, len(line))
     # a quarter of the line before the place, the rest behind it
@@ -148,7 +150,7 @@ def _written(line: str, part: slice) -> str:
 
 
 def _columns(text: str) -> int:
-    """The number of columns of a terminal that a text takes."""
+    """The number of terminal columns of a text."""
     return sum(_column_count(character) for character in text)
 
 

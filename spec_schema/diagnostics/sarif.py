@@ -1,4 +1,4 @@
-"""Writes diagnostics as SARIF 2.1.0, which code hosts show as what a checker found."""
+"""Formats diagnostics as SARIF 2.1.0, which code hosts display."""
 
 from collections.abc import Iterable
 from pathlib import Path

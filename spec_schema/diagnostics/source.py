@@ -1,4 +1,4 @@
-"""Defines places in files: the text a person wrote, and spans that point into it."""
+"""Defines places in files: source texts, and spans that point into them."""
 
 import re
 from bisect import bisect_right
@@ -11,7 +11,7 @@ _LINE_END = re.compile(r"\r\n?|\n")
 
 @dataclass(frozen=True, slots=True, order=True, kw_only=True)
 class Span:
-    """A stretch of a file: 1-based lines and columns counted in characters, the end exclusive."""
+    """A range of a file: 1-based lines and columns in characters, exclusive end."""
 
     file: str
     line: int
@@ -20,7 +20,7 @@ class Span:
     end_column: int
 
     def to(self, other: "Span") -> "Span":
-        """The stretch from the start of this span to the end of `other`."""
+        """The span from the start of this one to the end of `other`."""
         return Span(
             file=self.file,
             line=self.line,

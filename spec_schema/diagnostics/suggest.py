@@ -1,4 +1,4 @@
-"""Finds the known word nearest to a mistyped one, for "did you mean"."""
+"""Finds the known word most similar to a mistyped one, for "did you mean"."""
 
 from collections.abc import Iterable
 
@@ -28,7 +28,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def did_you_mean(meant: str | None) -> str | None:
-    """The repair that asks for a known word, where `nearest` has found one."""
+    """The suggestion of a known word, if `nearest` finds one."""
     return f"did you mean `{meant}`?" if meant else None
 
 

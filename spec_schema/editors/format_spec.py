@@ -1,4 +1,4 @@
-"""Lays a spec out canonically, with its comments: what `msnn fmt` writes."""
+"""Formats a spec canonically, with its comments, for `msnn fmt`."""
 
 import json
 import re
@@ -60,7 +60,7 @@ def _quoted_where_needed(path: str, text: str) -> str:
 
 
 def _repaired(text: str, diagnostic: Diagnostic) -> str | None:
-    """The text after the one repair that is certain; None where there is none."""
+    """The text after the only unambiguous repair; None if there is none."""
     if diagnostic.span is None or diagnostic.code not in ("E0103", "E0104", "E0117"):
         return None
     lines = text.split("\n")
@@ -75,7 +75,7 @@ def _repaired(text: str, diagnostic: Diagnostic) -> str | None:
 
 
 def _call_at(text: str, start: int) -> str:
-    """The value that starts here, whose parentheses commas have cut."""
+    """The complete value that starts here, if commas in parentheses have split it."""
     depth = 0
     for end in range(start, len(text)):
         depth += {"(": 1, ")": -1}.get(text[end], 0)
@@ -93,16 +93,16 @@ def _json(text: str) -> str:
 
 @dataclass
 class _Section:
-    """The lines of one top-level key, with the comments right above it."""
+    """The lines of one top-level key, with the comments directly above it."""
 
     key: str
     lines: list[str] = field(default_factory=list[str])
     is_apart: bool = False
-    """Whether a blank line stands above it."""
+    """True if a blank line precedes it."""
 
 
 def _in_order(path: str, text: str) -> str:
-    """The sections in the order of the grammar; what stands above the first stays on top."""
+    """The sections in the order of the grammar; text above the first stays at the top."""
     root = _root(path, text)
     first = min(root.keys.values(), default=None)
     # documents, directives and keys inside { } have no lines of their own that could move
@@ -149,7 +149,7 @@ def _tidied(path: str, text: str) -> str:
 
 
 def _lines(root: Node, text: str) -> list[str]:
-    """The lines without blanks at their ends; those inside of texts are marked and kept."""
+    """The lines without trailing blanks, except within multi-line texts."""
     inside = set(_lines_of_texts(root))
     lines = enumerate(text.split("\n"), 1)
     return [_INSIDE + line if number in inside else line.rstrip() for number, line in lines]
@@ -160,7 +160,7 @@ def _joined(lines: Sequence[str]) -> str:
 
 
 def _without_needless(lines: Sequence[str]) -> list[str]:
-    """One blank line where there were several, none at the ends."""
+    """At most one blank line in sequence, and none at the ends."""
     kept: list[str] = []
     for line in lines:
         if line or (kept and kept[-1]):
@@ -192,7 +192,7 @@ def _root(path: str, text: str) -> Table:
 
 
 def _meaning(path: str, text: str) -> Any:
-    """The tree without places; only the order of the sections may differ between equals."""
+    """The tree without places, to compare specs up to the order of sections."""
     try:
         root = _root(path, text)
     except SpecError:

@@ -1,4 +1,4 @@
-"""Makes the JSON Schema of specs, by which editors complete, show and check while one types."""
+"""Generates the JSON Schema of specs, which editors use to complete and check them."""
 
 import json
 from collections.abc import Iterator
@@ -73,7 +73,7 @@ def _property(entry: type[Entry], key: str, schema: JsonSchema) -> dict[str, Any
 
 
 def _defaults(entry: type[Entry]) -> dict[str, bool | float | str | None]:
-    """The plain default of each key; None for those that are lists, mappings or left out."""
+    """The scalar default of each key; None for lists, mappings and keys without default."""
     defaults: dict[str, bool | float | str | None] = {}
     for name, field in entry.model_fields.items():
         plain = isinstance(field.default, bool | int | float | str)

@@ -1,4 +1,4 @@
-"""Reads what each key of a spec is for, which editors show and the reference page of keys lists."""
+"""Reads the descriptions of keys for editors and the reference page."""
 
 import ast
 import inspect

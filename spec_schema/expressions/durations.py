@@ -1,4 +1,4 @@
-"""Reads lengths of time as a spec writes them: `50 ms`, or an integer number of samples."""
+"""Parses durations of a spec: `50 ms`, or an integer number of samples."""
 
 import re
 
@@ -16,7 +16,7 @@ _LENGTH = re.compile(r"(?P<samples>[0-9]{1,9})")
 
 
 def parse_length(text: str, positions: Positions) -> Length | None:
-    """Samples or a duration; None when the text is neither."""
+    """Samples or a duration; None for other texts."""
     span = positions.span(0, len(text))
     samples = _LENGTH.fullmatch(text)
     if samples is not None:

@@ -1,7 +1,4 @@
-"""Says how tightly the parts of a formula bind when it is set, as LaTeX or MathML.
-
-Fewer levels than the text of an expression has: fractions and exponents show where they end.
-"""
+"""Defines the precedence of formula parts, as LaTeX or MathML."""
 
 from __future__ import annotations
 
@@ -31,5 +28,5 @@ def binding(expression: Expression) -> int:
 
 
 def binding_of_operands(operator: Operator) -> int:
-    """The least binding of the left operand of a sum or product; the right one needs more."""
+    """The minimum precedence of the left operand of a sum or product; the right one needs more."""
     return SUM if operator in (Operator.ADD, Operator.SUBTRACT) else PRODUCT

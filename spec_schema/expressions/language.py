@@ -1,4 +1,4 @@
-"""Lists the names to which the language gives meaning: builtins, loss functions, indices."""
+"""Lists the predefined names of the language: builtins, loss functions, indices."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Signature:
     doc: str = ""
 
     def takes(self, count: int) -> bool:
-        """Whether that many arguments are right."""
+        """True if the function accepts that many arguments."""
         return self.least <= count and (self.most is None or count <= self.most)
 
     @property
@@ -93,7 +93,7 @@ ELSEWHERE = {
     "power": "pow",
     "sgn": "sign",
 }
-"""What other languages call builtins, and the name here."""
+"""Names of builtins in other languages, with the name here."""
 
 STATE_FUNCTIONS = ("next", "flow")
 """What is asked of a state: its value after the step, its derivative."""
@@ -102,7 +102,7 @@ TIME_NAMES = ("t", "dt")
 NUMBERS = {"pi": 3.141592653589793}
 
 INDICES = ("i", "j", "k", "l", "m")
-"""What a formula calls the indices of an array's axes, from the first axis on, counted from 0."""
+"""Names of the indices of an array's axes in formulas, from the first axis, counted from 0."""
 
 LENGTH = "n"
-"""What a formula calls the length of the last axis."""
+"""Name of the length of the last axis in formulas."""

@@ -1,4 +1,4 @@
-"""Writes an expression in the notation of papers, as LaTeX."""
+"""Formats an expression as LaTeX."""
 
 import unicodedata
 from typing import assert_never
@@ -24,7 +24,7 @@ _JOINTS = {
 
 
 def expression_latex(expression: tree.Expression) -> str:
-    """The formula without the signs that start mathematics; samples are indices: `x_{t-1}`."""
+    """The formula without math delimiters; samples are indices: `x_{t-1}`."""
     match expression:
         case tree.Number(value=value):
             return number_latex(value)
@@ -110,7 +110,7 @@ def _safe(text: str) -> str:
 
 
 def _at(operand: tree.Expression, index: str) -> str:
-    """A value with its samples as index; what has an index already is set in parentheses."""
+    """A value with its sample as index; a value with an index is put in parentheses."""
     # a name with an underscore has an index already, of its second word
     if isinstance(operand, tree.Name) and "_" not in operand.name:
         return f"{name_latex(operand.name)}_{{{index}}}"
@@ -169,5 +169,5 @@ def _within(expression: tree.Expression, least: int) -> str:
 
 
 def _enclosed(text: str, expression: tree.Expression, least: int) -> str:
-    """The text of an expression, in parentheses where it binds less than it must."""
+    """The text of an expression, in parentheses if its precedence is too low."""
     return text if binding(expression) >= least else rf"\left({text}\right)"

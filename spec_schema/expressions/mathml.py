@@ -1,4 +1,4 @@
-"""Writes an expression as MathML, which browsers set as mathematics without any library."""
+"""Formats an expression as MathML, which browsers display without a library."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _JOINTS = {
 
 
 def expression_mathml(expression: tree.Expression) -> str:
-    """The formula without the `math` element around it; samples are indices."""
+    """The formula without the `math` element; samples are indices."""
     match expression:
         case tree.Number(value=value):
             return number_mathml(value)
@@ -136,6 +136,6 @@ def _binary(operator: tree.Operator, left: tree.Expression, right: tree.Expressi
 
 
 def _within(expression: tree.Expression, least: int) -> str:
-    """The formula of a part, in parentheses where it binds less than it must."""
+    """The formula of a part, in parentheses if its precedence is too low."""
     text = expression_mathml(expression)
     return text if binding(expression) >= least else enclosed(text)

@@ -1,4 +1,4 @@
-"""Reads moments such as `2026-11-22T17:00:00.25+01:00` (ISO 8601) exactly, in nanoseconds."""
+"""Parses dates such as `2026-11-22T17:00:00.25+01:00` (ISO 8601) exactly, in nanoseconds."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ _MOMENT = re.compile(
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _SECOND = timedelta(seconds=1)
 FARTHEST = 2**62
-"""Nanoseconds from 1970: 1823 to 2116, whose differences 64 bits hold."""
+"""Maximum nanoseconds from 1970: the years 1823 to 2116, whose differences fit in 64 bits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Nanoseconds since 1970: of UTC, or of the logger's own clock where no zone is given."""
+    """Nanoseconds since 1970: in UTC, or in the logger's time without a time zone."""
 
     nanoseconds: int
     has_zone: bool
 
     # two moments without zone are of one clock, with zones of UTC: their difference needs no zone
     def seconds_from(self, begin: Moment) -> float:
-        """The seconds that lie between; the clocks of both must be known, or of none."""
+        """The difference in seconds; both dates need a time zone, or neither."""
         assert self.has_zone == begin.has_zone
         return (self.nanoseconds - begin.nanoseconds) / 1e9
 
     def text_after(self, seconds: float) -> str:
-        """The moment so many seconds later, to the millisecond, as `read_moment` reads it."""
+        """The date so many seconds later, to the millisecond, in the format of `read_moment`."""
         milliseconds = round(self.nanoseconds / 1e6 + 1e3 * seconds)
         moment = _EPOCH + timedelta(milliseconds=milliseconds)
         parts = "milliseconds" if milliseconds % 1000 else "seconds"
@@ -44,7 +44,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Date:
-    """`2026-03-01 08:00`: a moment to be looked for in times that are dates."""
+    """`2026-03-01 08:00`: a date as a position in date columns."""
 
     moment: Moment
     text: str = field(compare=False)
@@ -52,7 +52,7 @@ class Date:
 
 
 def read_moment(text: str) -> Moment | None:
-    """The moment that a text means; None for other texts and days that are none or too far away."""
+    """The date in a text; None for other texts, invalid days, and dates out of range."""
     found = _MOMENT.fullmatch(text)
     if found is None:
         return None
@@ -73,7 +73,7 @@ def read_moment(text: str) -> Moment | None:
 
 
 def _offset(zone: str) -> int:
-    """Seconds by which a zone is ahead of UTC."""
+    """Offset of a time zone from UTC in seconds."""
     if zone in "Zz":
         return 0
     digits = zone[1:].replace(":", "").ljust(4, "0")

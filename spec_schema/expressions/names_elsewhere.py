@@ -1,4 +1,4 @@
-"""Finds what a name of Python's libraries is here: `np.maximum`, `math.e`, `np.inf`."""
+"""Maps names of Python libraries to the language: `np.maximum`, `math.e`, `np.inf`."""
 
 from __future__ import annotations
 

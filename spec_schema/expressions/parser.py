@@ -1,4 +1,4 @@
-"""Reads an expression: Python's parser first, then a whitelist; Python never evaluates anything."""
+"""Parses an expression with Python's parser and a whitelist; nothing is evaluated."""
 
 import ast
 import math
@@ -103,7 +103,7 @@ def _parse(
 
 
 class _Admission:
-    """Turns Python's nodes into ours; what is not listed here is not in the language."""
+    """Converts Python's syntax tree; unlisted nodes are not part of the language."""
 
     def __init__(
         self, scanned: ScannedExpression, places: PythonPositions, findings: Findings
@@ -281,7 +281,7 @@ class _Admission:
 
 
 def _dotted(node: ast.expr) -> str | None:
-    """`a.b.c` as text; None for what is not names alone."""
+    """`a.b.c` as text; None if it does not consist of names."""
     names: list[str] = []
     while isinstance(node, ast.Attribute):
         names.append(normalised(node.attr))
@@ -295,6 +295,6 @@ _LONGEST_WINDOW = 10**9
 
 
 def _nothing(span: Span) -> Number:
-    """Stands for what was refused, so that the rest of the expression is still looked at."""
+    """A placeholder for refused parts, so that the rest of the expression is checked."""
     # a number that fits anything brings no report of its own
     return Number(0.0, span)

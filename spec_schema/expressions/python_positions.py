@@ -1,4 +1,4 @@
-"""Translates the positions of Python's parser, UTF-8 columns within added parentheses, to spans."""
+"""Converts positions of Python's parser (UTF-8 columns in an added parenthesis) to spans."""
 
 import ast
 from itertools import accumulate
@@ -39,7 +39,7 @@ class PythonPositions:
         return self._positions.span(start, start + len(operator))
 
     def syntax_fault(self, error: SyntaxError) -> Diagnostic:
-        """The diagnostic of what Python's parser refuses: its own words differ between versions."""
+        """The diagnostic of Python's syntax error, in wording independent of its version."""
         line, column = error.lineno or 1, (error.offset or 1) - 1
         if line >= len(self._lines):
             # It stumbled over the added parenthesis.

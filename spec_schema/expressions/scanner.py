@@ -40,7 +40,7 @@ _MEANT = {
     "²": "**2",
     "³": "**3",
 }
-"""What to write in place of a character of printed mathematics."""
+"""Replacements of characters from printed mathematics."""
 _REPAIRS = {
     **{character: f"write `{meant}`" for character, meant in _MEANT.items()},
     "−": "write `-`, the minus sign of the keyboard",
@@ -74,7 +74,7 @@ class ScannedExpression:
 
 
 def scan_expression(text: str, positions: Positions, findings: Findings) -> ScannedExpression:
-    """Checks what Python's parser would explain badly, or accept, and reports it."""
+    """Reports errors that Python's parser would explain badly or accept."""
     return _Scanner(text, positions, findings).run()
 
 
@@ -164,7 +164,7 @@ class _Scanner:
         self.operand = (start, end) if is_operand or found.lastgroup == "close" else None
 
     def _word(self, word: str, start: int) -> bool:
-        """Whether the word is an operand."""
+        """True if the word is an operand."""
         name, end = normalised(word), start + len(word)
         if name in _BOOLEAN_WORDS:
             self._report(errors.boolean_word(name, self._span(start, end)))

@@ -1,4 +1,4 @@
-"""Writes an expression as text, with the fewest parentheses that keep its meaning."""
+"""Formats an expression as text, with the minimum of parentheses."""
 
 from typing import assert_never
 
@@ -54,7 +54,7 @@ def expression_text(expression: tree.Expression) -> str:
 
 
 def number_text(value: float) -> str:
-    """The shortest text that reads back as the same float; whole numbers without `.0`."""
+    """The shortest text that reads back as the same float; integers without `.0`."""
     # repr() is the shortest text that reads back as the same float
     return repr(value).removesuffix(".0")
 

@@ -1,9 +1,9 @@
-"""Finds the time that an index of other tools means: `k+1`, `1+t`."""
+"""Recognises time indices of other tools: `k+1`, `1+t`."""
 
 import ast
 
 _INDICES = {"k", "n", "i", "t"}
-"""What the present sample is called in textbooks and here."""
+"""Names of the present sample in textbooks, including `t`, the name here."""
 
 
 def time_elsewhere(node: ast.expr) -> str | None:

@@ -1,4 +1,4 @@
-"""Defines the mathematics of a spec as a closed union of frozen nodes, each with its place."""
+"""Defines expressions as a closed union of frozen nodes, each with its span."""
 
 from dataclasses import field
 from enum import Enum
@@ -73,7 +73,7 @@ class Name:
 
 @dataclass(frozen=True)
 class LanguageName(Name):
-    """A name that means what the language says, whatever a spec declares."""
+    """A predefined name of the language, which a spec cannot redefine."""
 
 
 @dataclass(frozen=True)

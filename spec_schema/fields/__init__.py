@@ -1,1 +1,1 @@
-"""The leaves and frames of which the sections of a spec are made."""
+"""Scalar readers and base classes for the sections of a spec."""

@@ -27,7 +27,7 @@ _PLACE = "\0place"
 
 
 class RefusedError(ValueError):
-    """Tells pydantic that a value was refused; the diagnostic is in the findings already."""
+    """Signals pydantic that a value was refused; the diagnostic is already recorded."""
 
 
 # a place is made by the reader, never read from a file
@@ -72,7 +72,7 @@ class Entry(BaseModel):
 
     @classmethod
     def known_keys(cls) -> tuple[str, ...]:
-        """The keys that this version reads."""
+        """The keys that this version supports."""
         names = (field.alias or name for name, field in cls.model_fields.items())
         # the place is no key of a file
         return tuple(name for name in names if name != _PLACE)
@@ -153,13 +153,13 @@ class OneOf(Entry):
         return node
 
     def chosen(self) -> Entry:
-        """The one variant that is given."""
+        """The given variant."""
         fields = (getattr(self, name) for name in type(self).model_fields if name != "place")
         return next(value for value in fields if value is not None)
 
 
 def findings_of(info: ValidationInfo) -> Findings:
-    """The findings of the reading in progress."""
+    """The findings of the current reading."""
     assert isinstance(info.context, Findings)
     return info.context
 

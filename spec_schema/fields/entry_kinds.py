@@ -1,4 +1,4 @@
-"""Lists the kinds of mappings that a spec has, and which of them contain which."""
+"""Lists the kinds of mappings in a spec, and their nesting."""
 
 import inspect
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from spec_schema.fields.late_entry import LateEntry
 
 
 def kinds_within(first: type[Entry]) -> Iterator[type[Entry]]:
-    """The kind itself, then every kind in it, each before those that it contains."""
+    """The kind itself and all nested kinds, outer ones first."""
     known, waiting = {first}, [first]
     while waiting:
         entry = waiting.pop(0)

@@ -1,4 +1,4 @@
-"""Ties validators to what JSON Schema can say of the values they read."""
+"""Connects validators with the JSON Schema of their values."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import field

@@ -1,4 +1,4 @@
-"""Values of a spec that remember where they were written."""
+"""Defines values of a spec with their place."""
 
 from abc import ABC, abstractmethod
 from dataclasses import field
@@ -12,7 +12,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Located(Generic[Value]):
-    """A value, its place, and the place of its key where it has one."""
+    """A value with its place, and the place of its key if it has one."""
 
     value: Value
     # a value is the same wherever it is written: equal specs make equal programs

@@ -1,4 +1,4 @@
-"""Finds the number that somebody meant who wrote it as another language or a table does."""
+"""Recognises numbers in the syntax of other languages or tables."""
 
 from __future__ import annotations
 

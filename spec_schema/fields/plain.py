@@ -223,7 +223,7 @@ def located_choice(*now: str) -> LeafField:
 
 
 def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
-    """The nodes of a list; a single value counts as a list of one."""
+    """The nodes of a list; a single value is a list of one."""
     # a single value stands for a list of one, as people write it
     if isinstance(node, Listing):
         return tuple(with_key(item, item.span) for item in node.items)
@@ -234,7 +234,7 @@ def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
 
 
 def read_different_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
-    """The nodes of a list in which no text stands twice."""
+    """The nodes of a list of distinct texts."""
     items = read_items(node, info)
     seen: dict[str, Scalar] = {}
     for item in items:

@@ -22,7 +22,7 @@ _QUANTITY = re.compile(
     rf"\s*(?P<number>[+-]?{NUMBER_PATTERN})(?:\s*(?P<unit>[^\s\d+\-.].*?|1/.*?))?\s*"
 )
 _NAMED_NUMBER = re.compile(r"[+-]?(?:\w*\.)?(?:(?P<inf>inf(?:inity)?)|pi)", re.IGNORECASE)
-"""`.inf` of YAML, and what Python's libraries call it."""
+"""Spellings of infinity in YAML and Python libraries."""
 _UNIT_START = re.compile(r"[A-Za-zͰ-ϿΩ%°µ]|1/")
 
 

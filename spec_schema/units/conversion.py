@@ -1,4 +1,4 @@
-"""Brings a quantity of a spec into the unit of what it is said of."""
+"""Converts a quantity of a spec to the unit of its signal or parameter."""
 
 import math
 
@@ -48,7 +48,7 @@ def report_unconverted(
     findings: Findings,
     secondary: tuple[tuple[Span, str], ...] = (),
 ) -> None:
-    """Warns of a quantity whose number stands alone and is another one in SI units."""
+    """Warns of a number without unit whose value differs in SI units."""
     unit = quantity.unit
     if unit is None or (quantity.value == unit.in_si(quantity.value) and not unit.is_level):
         return

@@ -71,7 +71,7 @@ def parse_unit(text: str) -> Unit:
 
 
 def confused_units(unit: Unit) -> Iterator[Unit]:
-    """The units that people may mean by this one: `degC` by `C`, `km/h` by `km/H`."""
+    """Units that may be intended instead: `degC` for `C`, `km/h` for `km/H`."""
     options = [(symbol, *confused_symbols(symbol)) for symbol, _ in unit.factors]
     for symbols in islice(product(*options), _MOST_CONFUSED):
         found = ONE
@@ -138,7 +138,7 @@ def _unreadable(text: str, position: int) -> UnitError:
 
 
 def _letters(character: str) -> str | None:
-    """The letters of a unit that is one character, as in East Asian files: `mm` of `㎜`."""
+    """The letters of a single-character unit, as in East Asian files: `mm` for `㎜`."""
     if character in "℃℉":
         return f"deg{'CF'['℃℉'.index(character)]}"
     if not "㍱" <= character <= "㏟":
@@ -159,7 +159,7 @@ def _grouped(text: str, start: int) -> UnitError:
 
 
 def as_divisor(text: str) -> str:
-    """The factors of a unit as they stand behind a `/`: `N/m` of `N*m`, since 1/N/m is 1/(N*m)."""
+    """The factors of a unit after a `/`: `N/m` for `N*m`, because 1/N/m is 1/(N*m)."""
     return _OPERATOR.sub(lambda found: "*" if found.group() == "/" else "/", text)
 
 

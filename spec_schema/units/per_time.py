@@ -1,4 +1,4 @@
-"""Finds the time in which a unit counts, where that is no second: the hour of `L/h` and `kph`."""
+"""Finds the time unit of a rate if it is not the second: the hour in `L/h` and `kph`."""
 
 from spec_schema.units.table import BASE_SYMBOLS
 from spec_schema.units.unit import Unit, unit_symbol
@@ -6,7 +6,7 @@ from spec_schema.units.unit import Unit, unit_symbol
 _SECOND = "s"
 _TIME = BASE_SYMBOLS.index(_SECOND)
 _HIDDEN = {"rpm": "min", "kph": "h", "mph": "h", "kn": "h"}
-"""Symbols in which a time is hidden."""
+"""Symbols that contain a time unit."""
 
 
 def counted_time(unit: Unit) -> tuple[str, float] | None:

@@ -1,4 +1,4 @@
-"""Finds the unit that is meant by words, other letters and slips."""
+"""Finds the intended unit of words, other letters and typing errors."""
 
 import re
 from typing import NamedTuple
@@ -145,14 +145,16 @@ _USUAL = {
     "G": ("Bq", "Hz", "J", "N", "Pa", "W", "Wh", "cal", "eV", "ohm", "Ω"),
     "T": ("Bq", "Hz", "J", "W", "Wh", "eV", "ohm", "Ω"),
 }
-"""Units that have these prefixes in use. Others, as terametres, are read only as they stand."""
+"""Units with their usual prefixes; unusual combinations, such as terametres, need exact
+spelling.
+"""
 _OFTEN_MEGA = frozenset(["MPa", "MHz", "MW", "MN", "MJ", "MWh", "MeV", "Mohm", "MΩ"])
 _NEVER_MEGA = frozenset(["m", "s", "rad", "mol", "bar", "Ah"])
-"""Units of which devices count thousandths and nobody millions."""
+"""Units of which devices use thousandths but never millions."""
 
 
 class Collision(NamedTuple):
-    """A unit that is written for another one: `Grad` of size `1e+09 rad`, meant as deg."""
+    """A unit that is probably intended as another one: `Grad` of size `1e+09 rad`, meant as deg."""
 
     start: int
     symbol: str
@@ -161,7 +163,7 @@ class Collision(NamedTuple):
 
 
 def meant_symbol(symbol: str) -> str | None:
-    """The unit that a symbol means without doubt: files whose columns have it are read so."""
+    """The unambiguous unit of a symbol in files."""
     if symbol in _SPELLINGS:
         return _SPELLINGS[symbol]
     # `Sec`, `Liter`
@@ -208,7 +210,7 @@ def readings_of_capitals(symbol: str) -> list[str]:
 
 
 def guessed_symbol(symbol: str) -> str | None:
-    """The unit that a symbol of doubtful meaning is most like; None where none is near."""
+    """The known unit most similar to a doubtful symbol; None without one."""
     if symbol in _NO_UNIT:
         return "1"
     if symbol in _DOUBTFUL:
@@ -226,7 +228,7 @@ def guessed_symbol(symbol: str) -> str | None:
 
 
 def is_doubtful(text: str) -> bool:
-    """True if a text is a unit that nobody measures in, and is written for another one: `Grad`."""
+    """True if a unit is unusual and probably intended as another one: `Grad`."""
     return _DOUBT.search(text) is not None
 
 
@@ -247,12 +249,12 @@ def collisions(text: str) -> list[Collision]:
 
 
 def without_doubtful(text: str) -> str:
-    """The text with the units that its doubtful ones may mean: `deg/s` of `Grad/s`."""
+    """The text with doubtful units replaced by the intended ones: `deg/s` for `Grad/s`."""
     return _DOUBT.sub(lambda found: _DOUBTFUL[found.group()], text)
 
 
 def without_prefix(symbol: str) -> tuple[str, float] | None:
-    """The unit that takes no prefix and has one here, and the factor: rpm and 1000 of `krpm`."""
+    """A unit with an unsupported prefix, and the factor: rpm and 1000 for `krpm`."""
     found = [
         (row, PREFIXES[prefix])
         for prefix in ("k", "M", "m")
@@ -266,7 +268,7 @@ def without_prefix(symbol: str) -> tuple[str, float] | None:
 
 
 def confused_symbols(symbol: str) -> list[str]:
-    """The units that people write as the symbol of another one: `C` for degrees, `lb` for lbf."""
+    """Units for which the symbol of another one is often written: `C` for degrees, `lb` for lbf."""
     return [*_CONFUSED.get(symbol, ()), *_other_case(symbol)]
 
 
@@ -276,7 +278,7 @@ def _kilo(symbol: str) -> list[str]:
 
 
 def _slips(symbol: str) -> list[str]:
-    """Without the s of a plural, or a letter that was typed twice; no `Pa` for `Pas`."""
+    """The word without a plural s or a doubled letter; not `Pa` for `Pas`."""
     plural = symbol.removesuffix("s")
     row = UNIT_ROWS.get(plural)
     is_whole = len(plural) > 2 or (row is not None and not row.prefixes)

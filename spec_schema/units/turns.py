@@ -1,4 +1,4 @@
-"""Finds conversions that may take revolutions for radians."""
+"""Finds conversions that may confuse revolutions with radians."""
 
 from spec_schema.late_dataclass import dataclass
 from spec_schema.units.table import BASE_SYMBOLS

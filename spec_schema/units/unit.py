@@ -11,7 +11,7 @@ from spec_schema.late_dataclass import dataclass
 from spec_schema.units.table import BASE_SYMBOLS, PREFIXES, UNIT_ROWS, UnitRow
 
 Rational: TypeAlias = int | Fraction
-"""An integer where it is one: adding these is far faster."""
+"""An integer if possible, because additions of integers are much faster."""
 
 Exponents: TypeAlias = tuple[Rational, ...]
 _ANGLE = BASE_SYMBOLS.index("rad")
@@ -22,7 +22,7 @@ _NO_EXPONENTS: Exponents = (0,) * len(BASE_SYMBOLS)
 _SCALE_TOLERANCE = 1e-12
 _LARGEST_SCALE = 1e300
 DIGITS = 15
-"""Of a decimal number that a float is sure to give back: a number of more is an approximation."""
+"""Number of decimal digits that a float preserves; more digits mean an approximation."""
 
 
 class UnitError(ValueError):
@@ -108,23 +108,23 @@ class Unit:
         return self.exponents[_ANGLE]
 
     def same_dimension(self, other: "Unit") -> bool:
-        """Whether the SI exponents agree; the tag of angle is left out, so `1/s` is `rad/s`."""
+        """True if the SI exponents agree; angle is ignored, so `1/s` is comparable with `rad/s`."""
         return _without_angle(self.exponents) == _without_angle(other.exponents)
 
     @property
     def is_level(self) -> bool:
-        """Whether numbers are decibels: 20 log10 of a ratio (ISO 80000-3, of field quantities)."""
+        """True for decibels: 20 log10 of a ratio (ISO 80000-3, field quantities)."""
         return self.exponents == _LEVEL
 
     def converts_to(self, other: "Unit") -> bool:
-        """Whether numbers convert: units of one dimension, and decibels and ratios."""
+        """True if values convert: units of one dimension, or decibels and ratios."""
         if self.same_dimension(other):
             return True
         number = ONE.same_dimension(other) if self.is_level else ONE.same_dimension(self)
         return number and (self.is_level or other.is_level)
 
     def same_as(self, other: "Unit") -> bool:
-        """Whether numbers in both mean the same: `N*m` and `J`, `rad/s` and `1/s`."""
+        """True if values in both units mean the same: `N*m` and `J`, `rad/s` and `1/s`."""
         return (
             self.same_dimension(other)
             and math.isclose(self.scale, other.scale, rel_tol=_SCALE_TOLERANCE)
@@ -133,7 +133,7 @@ class Unit:
 
     @property
     def coherent(self) -> str:
-        """The text of the coherent SI unit of this dimension: `H` of `uH`, `m/s` of `km/h`."""
+        """The text of the coherent SI unit of this dimension: `H` for `uH`, `m/s` for `km/h`."""
         # without prefixes, where that is enough; else of base units
         if self.is_level:
             return ONE.text
@@ -196,7 +196,7 @@ class Unit:
         return nearest_float(line.factor * meant(value) + (0 if is_distance else line.summand))
 
     def _convert_level(self, value: float, target: "Unit") -> float:
-        """Decibels of a ratio, or the ratio of decibels; NaN of a ratio below 0, -∞ of 0."""
+        """Decibels of a ratio, or the ratio of decibels; NaN for a negative ratio, -∞ for 0."""
         if self.is_level:
             return 10.0 ** (value / 20.0) / target.scale
         ratio = self.in_si(value)
@@ -205,7 +205,7 @@ class Unit:
         return -math.inf if ratio == 0.0 else math.nan
 
     def line_to(self, target: "Unit") -> "Line":
-        """The line from numbers of this unit to those of `target`, to which they convert."""
+        """The linear map from values in this unit to values in `target`."""
         if self.same_as(target):
             return UNCHANGED
         if self.is_level != target.is_level:

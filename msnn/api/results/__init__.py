@@ -1,1 +1,1 @@
-"""Holds what verbs return: their results with tables, frames and pictures."""
+"""Defines the results of the functions, with tables, frames and plots."""

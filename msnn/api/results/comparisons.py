@@ -1,4 +1,4 @@
-"""Shows comparisons: models by their accuracy on rows held out, and what a step of each costs."""
+"""Shows comparisons: accuracy of models on held-out rows, and the cost of a step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from msnn.tables import Table, count
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ShownComparison(Shown, Comparison):
-    """A comparison with its table, of which `to_frame` has the numbers."""
+    """A comparison with its table; `to_frame` returns the values."""
 
     def _said(self) -> str:
         best = "none trained" if self.best is None else f"best {self.best.variant.label}"
@@ -37,5 +37,5 @@ class ShownComparison(Shown, Comparison):
 
 
 def shown_comparison(found: Comparison) -> ShownComparison:
-    """The same, which shows itself."""
+    """The comparison as an object with tables and plots."""
     return ShownComparison(**{field.name: getattr(found, field.name) for field in fields(found)})

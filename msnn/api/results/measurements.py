@@ -1,4 +1,4 @@
-"""Shows measurements: metrics of a validation, free runs beside what was measured."""
+"""Shows evaluations: metrics of a validation, simulations next to measurements."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from msnn.validation.validate import ValidationReport
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ShownReport(Shown, ValidationReport):
-    """A validation with its tables; `to_frame` has a row for every output, way and metric."""
+    """A validation with its tables; `to_frame` has one row per output, simulation and metric."""
 
     def _said(self) -> str:
         broken = sum(1 for row in self.rows if row.passed is False)
@@ -74,10 +74,10 @@ class ShownReport(Shown, ValidationReport):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ShownSimulations(Shown, Simulations):
-    """Free runs; `to_frame` is the table that `msnn simulate` writes, a row a step."""
+    """Simulations; `to_frame` is the table of `msnn simulate`, one row per step."""
 
     program: Program | None = None
-    """The one that was run."""
+    """The simulated program."""
 
     def _said(self) -> str:
         steps = sum(run.steps for run in self.runs)

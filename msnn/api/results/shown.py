@@ -1,4 +1,4 @@
-"""Shows a result: short in a prompt, as tables in a notebook, as a frame and as a picture."""
+"""Shows a result: short text, tables in a notebook, a data frame, a plot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from msnn.tables import Table
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Picture:
-    """A drawing that a notebook shows where it is the last value of a cell."""
+    """A plot that a notebook displays as the last value of a cell."""
 
     png: bytes
 
@@ -29,7 +29,7 @@ class Picture:
 
 
 class Shown:
-    """A result with tables: what each kind of result adds is below."""
+    """A result with tables; subclasses define the methods below."""
 
     __slots__ = ()
 
@@ -40,12 +40,12 @@ class Shown:
         return "\n\n".join(filter(None, (table.text for table in self._tables())))
 
     def _repr_html_(self) -> str:
-        """The tables as a notebook shows them."""
+        """The tables for a notebook."""
         tables = "".join(_html(table) for table in self._tables() if table.rows)
         return f"<p>{escape(self._said())}</p>{tables}"
 
     def to_frame(self) -> Any:
-        """A pandas DataFrame with numbers as numbers. MissingExtraError without pandas."""
+        """A pandas DataFrame with numeric columns. MissingExtraError without pandas."""
         PANDAS.require("makes frames of results")
         return import_module("pandas").DataFrame(self._columns())
 
@@ -54,7 +54,7 @@ class Shown:
     @overload
     def plot(self, path: str | Path) -> Path: ...
     def plot(self, path: str | Path | None = None) -> Picture | Path:
-        """Draws it: into a file (`.png`, `.svg`, `.pdf`), else as a picture for a notebook.
+        """Plots into a file (`.png`, `.svg`, `.pdf`), or as picture for a notebook.
 
         MissingExtraError without matplotlib.
         """
@@ -69,15 +69,15 @@ class Shown:
 
     @abstractmethod
     def _tables(self) -> Sequence[Table]:
-        """The tables that the command line prints of it."""
+        """The tables that the command line prints."""
 
     @abstractmethod
     def _columns(self) -> Mapping[str, Sequence[object]]:
-        """The columns of its frame."""
+        """The columns of its data frame."""
 
     @abstractmethod
     def _draw(self, path: Path) -> Path:
-        """Writes its picture in the format that the name ends with."""
+        """Writes its plot in the format of the file's suffix."""
 
 
 def _html(table: Table) -> str:

@@ -1,4 +1,4 @@
-"""Shows trainings: what was learned, how each stage ended, losses over epochs, folds."""
+"""Shows trainings: parameters, results of stages, losses over epochs, folds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from msnn.training.training_result import TrainingResult
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ShownTraining(Shown, TrainingResult):
-    """A training with its tables; `to_frame` has a row for every number of every parameter."""
+    """A training with its tables; `to_frame` has one row per element of every parameter."""
 
     model: Model
     recorded: Recorded
@@ -63,14 +63,14 @@ class ShownTraining(Shown, TrainingResult):
 
 
 def shown_training(found: TrainingResult, model: Model, recorded: Recorded) -> ShownTraining:
-    """The result of a training with what shows it."""
+    """The result of a training as an object with tables and plots."""
     known = {field.name: getattr(found, field.name) for field in fields(TrainingResult)}
     return ShownTraining(**known, model=model, recorded=recorded)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ShownFolds(Shown, FoldsResult):
-    """Trainings of folds with their table; the picture is that of the best, or of all unkept."""
+    """Trainings of folds with their table; the plot shows the best fold."""
 
     model: Model
     recorded: Recorded
@@ -96,9 +96,9 @@ class ShownFolds(Shown, FoldsResult):
 
 
 def _drawn(path: Path, model: Model, found: TrainingResult, recorded: Recorded) -> Path:
-    """Draws what is in the folder, which has what a resumed run did before; else what was heard.
+    """Plots the run in the folder, including epochs before it was resumed; else recorded events.
 
-    A run without a folder shows taps alone, for its data are no longer there.
+    Without a folder it shows filter taps only, because the data are no longer available.
     """
     if found.folder is None:
         return plot_run(path, recorded.epochs, learned_functions(model, found.weights, None))

@@ -76,7 +76,7 @@ def fmt(
 
 
 def _source(file: Path) -> SourceText:
-    """The text as it stands in the file, with its line ends."""
+    """The text of the file with its original line endings."""
     from spec_schema.reading.one_file import read_file
 
     return read_file(file)

@@ -25,7 +25,7 @@ from msnn.cli.arguments import (
 from msnn.cli.manners import NOW
 
 _DEFAULT, _BEGIN = Path("simulation.csv"), b"file,set,row"
-"""The file that is written where none is named, and how it begins."""
+"""The default output file, and its first bytes."""
 
 
 def simulate(

@@ -26,9 +26,9 @@ from msnn.cli.arguments import (
 )
 
 _ROWS = 20
-"""Of the table as text; as JSON it has all."""
+"""Rows of the table as text; JSON has all rows."""
 _PAUSE = 1.0
-"""Seconds between two lines of progress: small models train fifty times a second."""
+"""Seconds between two progress lines: small models train fifty times per second."""
 
 
 def sweep(

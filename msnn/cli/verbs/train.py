@@ -216,7 +216,7 @@ def _resume_command(
     folds: bool,
     tensorboard: bool,
 ) -> str:
-    """The command line that goes on with this training, as a shell takes it."""
+    """The shell command that continues this training."""
     words = ["msnn", "train", str(spec), "--resume"]
     words += [] if data_root is None else ["--data-root", str(data_root)]
     words += [word for setting in settings or () for word in ("--set", setting)]

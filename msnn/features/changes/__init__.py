@@ -1,1 +1,1 @@
-"""Compares two models, or two runs: what they exchange with others, and how well they predict."""
+"""Compares two models, or two runs: their interfaces, and their accuracy."""

@@ -1,4 +1,4 @@
-"""Compares what the export sections of two specs promise to code around what is exported."""
+"""Compares the export sections of two specs: what must callers of the exports change?"""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _BREAKS = {
     "delay": "outputs belong to another sample",
     "close": "other inputs are to be given",
 }
-"""Keys of targets that those who call what is exported must follow."""
+"""Keys of targets whose changes affect callers, with the reason."""
 
 
 def export_changes(old: Model, new: Model) -> tuple[InterfaceChange, ...]:
-    """The differences of targets that both specs name, in the order of the section."""
+    """The differences of targets in both specs, in the order of the section."""
     return tuple(_changes(old, new))
 
 
@@ -54,7 +54,7 @@ def _entry(model: Model, target: str) -> TargetEntry | None:
 
 
 def _text(value: object, target: str, key: str) -> str:
-    """The value of a key, or what stands for it; the order of names means nothing."""
+    """The value of a key, or its default; the order of names is ignored."""
     match value:
         case None if key == "dtype":
             return target_named(target).dtype

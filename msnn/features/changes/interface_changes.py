@@ -1,4 +1,4 @@
-"""Compares what two models exchange with those who use them, and says which changes break these."""
+"""Compares the interfaces of two models, and finds changes that break their users."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from spec_schema.diagnostics.source import Span
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InterfaceChange:
-    """One property of one part of the interface; None for a part that is not there."""
+    """A changed property of a part of the interface; None if the part does not exist."""
 
     part: str
     """`input F`, or `sample time`."""
     what: str
-    """`unit`, or empty for all of the part."""
+    """`unit`, or empty for the complete part."""
     old: str | None
     new: str | None
     breaks: str
-    """What no longer fits of those who use the model; empty where all goes on as before."""
+    """The effect on users of the model; empty if the change is compatible."""
     span: Span | None
-    """Of the part in the new spec."""
+    """Place in the new spec."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """A kind of part, and what breaks where one appears or goes."""
+    """A kind of part, and the effects of adding or removing one."""
 
     section: str
     part: Part
@@ -55,8 +55,8 @@ _KINDS = (
 def interface_changes(old: Program, new: Program) -> tuple[InterfaceChange, ...]:
     """The differences of the exported interfaces of two models, in the order of `show`.
 
-    Buffers are memory of the step alone and no part of it, but for the samples that a start takes;
-    docs and first guesses are none either.
+    Buffers are internal, except for the samples that a start needs. Docs and initial guesses are
+    ignored.
     """
     before, after = interface_record(old), interface_record(new)
     spans = _spans(new)
@@ -136,7 +136,7 @@ def _of_kind(
 
 
 def _of_dimensions(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[InterfaceChange]:
-    """The order of labels is that of elements; sizes are said of what has them."""
+    """Changes of label order, which is the order of elements; sizes are reported with signals."""
     before, after = _by_name(old["dimensions"]), _by_name(new["dimensions"])
     # in the order of the spec: a set of names has another one in each process
     for name in (name for name in before if name in after):

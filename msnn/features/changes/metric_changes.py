@@ -1,4 +1,4 @@
-"""Compares what validations of two models have measured, and says what became worse."""
+"""Compares the metrics of two validations, and finds those that became worse."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from msnn.validation.validate import MetricRow, ValidationReport
 from spec_schema.diagnostics.source import Span
 
 _BEST = {"fit": 100.0, "r2": 1.0}
-"""Of metrics that grow with the model; what they lack of it counts as the error."""
+"""Best values of metrics that increase with accuracy; the error is the distance from them."""
 _UNJUDGED = ("aic",)
-"""Counts parameters too: a difference, and no ratio, has a meaning."""
+"""Metrics without a meaningful ratio: `aic` includes the number of parameters."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MetricChange:
-    """One metric of both models, measured alike; None where one of them does not measure it."""
+    """One metric of both models with equal evaluation; None if one model lacks it."""
 
     of: str
     metric: str
@@ -27,15 +27,15 @@ class MetricChange:
     old: float | None
     new: float | None
     growth: float | None
-    """By how much the error grew, 0.1 for a tenth; None where that cannot be said."""
+    """Relative increase of the error, 0.1 for a tenth; None if undefined."""
     note: str
-    """Why that cannot be said, or what else differs."""
+    """The reason for an undefined increase, or further differences."""
     span: Span | None
-    """Of the entry in the new spec."""
+    """Place of the entry in the new spec."""
 
 
 def metric_changes(old: ValidationReport, new: ValidationReport) -> tuple[MetricChange, ...]:
-    """Every metric that either spec asks for, in the order of the new one."""
+    """Every metric of either spec, in the order of the new one."""
     before, after = _by_meaning(old), _by_meaning(new)
     return tuple(
         # the new one's order, then what only the old one measures
@@ -45,10 +45,10 @@ def metric_changes(old: ValidationReport, new: ValidationReport) -> tuple[Metric
 
 
 def error_growth(metric: str, old: float, new: float) -> float | None:
-    """By how much the error behind a metric grew, as a share of the former; NaN is endless.
+    """The relative increase of the error of a metric; NaN if infinite.
 
-    Of rmse, mae, max_abs, fvu and losses the error is the value, of `fit` and `r2` what they lack
-    of 100 % and of 1. None for `aic`.
+    For rmse, mae, max_abs, fvu and losses the error is the value; for `fit` and `r2` it is the
+    distance from 100 % and 1. None for `aic`.
     """
     if metric in _UNJUDGED:
         return None

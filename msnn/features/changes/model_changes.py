@@ -1,4 +1,4 @@
-"""Joins all that changed from one model to another, and decides what of it ends a pipeline."""
+"""Combines all changes between two models, and decides which of them fail a pipeline."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FailOn = Literal["any", "breaking", "worse", "never"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedNumber:
-    """A single number that both runs have learned."""
+    """A scalar that both runs have learned."""
 
     name: str
     unit: str
@@ -31,7 +31,7 @@ class LearnedNumber:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trained:
-    """A run: what it learned, and how well that predicts; None where data cannot be read."""
+    """A run: its weights and their accuracy; None if data cannot be read."""
 
     weights: Mapping[str, FloatArray]
     validation: ValidationReport | None
@@ -39,7 +39,7 @@ class Trained:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelChanges:
-    """The changes between two models; metrics and learned numbers only between two runs."""
+    """The changes between two models; metrics and parameters only between two runs."""
 
     name: str
     specs: SpecDifference
@@ -50,11 +50,11 @@ class ModelChanges:
 
     @property
     def breaking(self) -> tuple[InterfaceChange, ...]:
-        """The changes that users of the model must follow."""
+        """The changes that break users of the model."""
         return tuple(change for change in self.interface if change.breaks)
 
     def worse(self, margin: float) -> tuple[MetricChange, ...]:
-        """Metrics whose error grew by more than this share."""
+        """Metrics whose error grew by more than this fraction."""
         return tuple(c for c in self.metrics if c.growth is not None and c.growth > margin)
 
 
@@ -64,7 +64,7 @@ def model_changes(
     runs: tuple[Trained, Trained] | None = None,
     warnings: tuple[Diagnostic, ...] = (),
 ) -> ModelChanges:
-    """Compares two models, and with `runs` what was trained of each."""
+    """Compares two models, and with `runs` also their trained weights and metrics."""
     metrics: tuple[MetricChange, ...] = ()
     learned: tuple[LearnedNumber, ...] = ()
     if runs is not None:

@@ -1,4 +1,4 @@
-"""Lists what users of an input, output, parameter or state rely on, from the interface's record."""
+"""Lists the properties of an input, output, parameter or state that users rely on."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ _Bounds = list[float | None] | None
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """A property as text, and what breaks where it becomes another."""
+    """A property as text, and the effect of a change."""
 
     name: str
     text: str
     breaks: str = ""
     allowed: tuple[float, float] | None = None
-    """Of a range that users keep to: only a narrower one breaks them."""
+    """A range that users must respect: only a narrower one breaks them."""
     promised: tuple[float, float] | None = None
-    """Of a range that users rely on: only a wider one breaks them."""
+    """A range that users rely on: only a wider one breaks them."""
 
     def broken_by(self, new: Property) -> str:
-        """The use that breaks where the new one takes its place; empty for none."""
+        """The effect of replacing this property by the new one; empty if compatible."""
         if self.allowed is not None and new.allowed is not None:
             return "" if _covers(new.allowed, self.allowed) else self.breaks
         if self.promised is not None and new.promised is not None:
@@ -34,7 +34,7 @@ class Property:
 
 
 def properties(part: Part, item: Mapping[str, Any]) -> tuple[Property, ...]:
-    """The properties of one part, always the same ones in the same order."""
+    """The properties of one part, always in the same order."""
     common = (
         Property("unit", item["unit"] or "", "numbers mean something else"),
         Property("shape", _shape(item["axes"]), "arrays have another size"),

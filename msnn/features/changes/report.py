@@ -1,4 +1,4 @@
-"""Prints what changed from one model to another: as text, Markdown, JSON values and messages."""
+"""Formats changes between two models: text, Markdown, JSON values and messages."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from spec_schema.diagnostics.printable import printable, printable_json
 
 
 def changes_text(found: ModelChanges, margin: float) -> str:
-    """Entries of the spec, then tables, then in a line what it comes to."""
+    """Entries of the spec, then tables, then a one-line summary."""
     tables = [table.text for table in _tables(found, margin)]
     parts = [_specs_text(found.specs), *tables, verdict(found, margin)]
     return "\n\n".join(part for part in parts if part)
 
 
 def changes_markdown(found: ModelChanges, margin: float) -> str:
-    """The same under a heading, entries of the spec folded away."""
+    """The same under a heading, with entries of the spec folded."""
     head = f"## {found.name}: {verdict(found, margin)}"
     parts = [head, *(table.markdown for table in _tables(found, margin))]
     if specs := _specs_text(found.specs):
@@ -55,7 +55,7 @@ def changes_record(found: ModelChanges, margin: float) -> dict[str, Any]:
 
 
 def failures(found: ModelChanges, on: Collection[FailOn], margin: float) -> list[Diagnostic]:
-    """A message for each change that ends a pipeline; `any` has no message of its own."""
+    """A diagnostic for each change that fails a pipeline; `any` alone has no diagnostic."""
     said: list[Diagnostic] = []
     if "breaking" in on:
         for change in found.breaking:
@@ -71,7 +71,7 @@ def failures(found: ModelChanges, on: Collection[FailOn], margin: float) -> list
 
 
 def verdict(found: ModelChanges, margin: float) -> str:
-    """`the models differ; 1 change of the interface breaks those who use it`, of runs metrics."""
+    """The summary: `the models differ; 1 change of the interface breaks those who use it`."""
     sections = listed([f"`{name}`" for name in found.specs.workflow])
     parts = [_SAID[found.specs.kind].format(sections=sections)]
     if breaking := len(found.breaking):

@@ -1,1 +1,1 @@
-"""Compares models: trains several, measures them on rows held out, and what their C costs."""
+"""Compares models: trains several, evaluates them on held-out rows, and measures their C code."""

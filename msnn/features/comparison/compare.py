@@ -1,4 +1,4 @@
-"""Trains and measures several models on the same rows, and ranks them."""
+"""Trains and evaluates several models on the same rows, and ranks them."""
 
 from __future__ import annotations
 
@@ -47,53 +47,55 @@ from spec_schema.reading.setting_values import one_path
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonOptions:
-    """The options by which models are compared."""
+    """The options of a comparison."""
 
     settings: Sequence[str] = ()
-    """Values replaced in all specs."""
+    """Values overridden in all specs."""
     draws: Draws = NO_DRAWS
-    """Values drawn at random, beside those of the grid."""
+    """Values drawn at random, in addition to those of the grid."""
     data: Frames | None = None
     data_root: Path | None = None
     held_out: str = "val"
-    """The set that they are compared on; of folds always the one held out."""
+    """The set for the comparison; with folds, always the held-out fold."""
     seeds: int = 1
-    """How often each is trained: from the spec's own initial values, then from others."""
+    """Number of trainings per variant: first from the spec's initial values, then from random
+    ones.
+    """
     folds: bool = False
     runs: Path | None = Path("runs")
     jobs: int = 1
     ray: str | None = None
-    """The address of a Ray cluster that trains in place of processes of this machine."""
+    """The address of a Ray cluster for the trainings instead of local processes."""
     optuna: str | None = None
-    """Where Optuna keeps its study, which proposes what is drawn."""
+    """Storage of the Optuna study that proposes values."""
     criterion: str | None = None
-    """`fit`, `x_next.fit` or `x_next.fit:record`; None: what the first entry of `validate` asks."""
+    """`fit`, `x_next.fit` or `x_next.fit:record`; None: metric of the first `validate` entry."""
     counts_cost: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Models in the order of their accuracy on rows held out."""
+    """Models ordered by their accuracy on held-out rows."""
 
     criterion: Criterion
     ways: tuple[Way, ...]
-    """What was measured of all."""
+    """The measurements that all models have in common."""
     entries: tuple[Ranked, ...]
     folder: Path | None
-    """The runs, with the log."""
+    """The folder of the runs and the log."""
     uncounted: tuple[str, ...]
-    """Packages without which instructions were not counted."""
+    """Missing packages for counting instructions."""
     draws: Draws
-    """What was drawn, and by which seed."""
+    """The drawn values, and their seed."""
 
     @property
     def best(self) -> Ranked | None:
-        """The most accurate; None where no training came to its end."""
+        """The most accurate model; None if no training was completed."""
         return next((entry for entry in self.entries if entry.is_best), None)
 
 
 class Listener(Protocol):
-    """Hears of every training that is over."""
+    """Receives an event for every completed training."""
 
     def began(self, trials: int) -> None: ...
 
@@ -101,7 +103,7 @@ class Listener(Protocol):
 
 
 class Unheard:
-    """Says nothing."""
+    """Ignores all events."""
 
     def began(self, trials: int) -> None:
         del trials
@@ -116,11 +118,11 @@ def compare(
     options: ComparisonOptions,
     listener: Listener | None = None,
 ) -> Comparison:
-    """Trains every variant by seed and fold, and ranks them by what all were measured of.
+    """Trains every variant by seed and fold, and ranks them by a common metric.
 
-    A training that the log has with the same model, data, seed and fold is not repeated, and one
-    that was killed goes on. Raises SpecError before any training for mistakes in specs and grid and
-    for a criterion that no spec measures, and after them where nothing alike was measured.
+    A logged training with the same model, data, seed and fold is not repeated, and a killed one
+    continues. Raises SpecError before training for errors in specs and grid and for an unmeasured
+    criterion. Raises it afterwards if the models have no measurement in common.
     """
     heard = listener or Unheard()
     refuse_several_processes()
@@ -197,7 +199,7 @@ def compare(
 def _cost_another(
     lines: list[RunLine], ran: Mapping[str, Trial], setup: Setup, log: Path | None
 ) -> None:
-    """Counts the C of another training of a model where that of the first did not end."""
+    """Measures the C code of another training of a model if the first was not completed."""
     ended = [line for line in lines if line.state == "finished"]
     if not ended or any(line.cost is not None for line in ended):
         return
@@ -229,9 +231,9 @@ def _judged(
 
 
 def _refuse_twice(grid: Sequence[GridAxis], options: ComparisonOptions) -> None:
-    """Refuses what would be replaced before it was ever used: by a later axis, or all of them.
+    """Refuses axes whose value is always overridden by a later axis or by settings.
 
-    A value inside of one that is given before is fine: `data.split={…}`, then `data.split.k`.
+    Overriding a part of an earlier value is allowed: `data.split={…}`, then `data.split.k`.
     """
     swept = [axis.path for axis in (*options.draws.axes, *grid)]
     for number, path in enumerate(swept):
@@ -254,9 +256,9 @@ def _replaces(later: str, path: str) -> bool:
 
 
 def _one_of_each_choice(compared: Sequence[Variant], drawn: frozenset[str]) -> list[Variant]:
-    """Variants in which every choice stands once, so that a mistake in one is seen.
+    """A minimal set of variants that contains every choice, to find errors early.
 
-    Of numbers that are `drawn` between bounds the first stands for all.
+    For values `drawn` between bounds, the first one represents all.
     """
 
     def choice(setting: str) -> str:

@@ -1,4 +1,4 @@
-"""Measures what the C of a trained model costs: instructions, flash and RAM of a step."""
+"""Measures the cost of a trained model's C code: instructions, flash and RAM of a step."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _NEEDS = (ARM_GCC, ARM_QEMU, GCC)
 
 
 def missing_tools() -> tuple[Tool, ...]:
-    """The tools that a machine lacks to count instructions."""
+    """The missing tools for counting instructions."""
     return tuple(tool for tool in _NEEDS if not tool.is_there)
 
 
 def c_cost(model: Model, weights: Mapping[str, FloatArray]) -> Cost | None:
-    """The cost of the exported C on a Cortex-M4F that QEMU stands in for, at -O2.
+    """The cost of the exported C code on an emulated Cortex-M4F (QEMU), at -O2.
 
-    The C is what `msnn export --to c` writes, and it is counted over its golden steps. None where a
-    tool is missing, or the model cannot become C.
+    The code is that of `msnn export --to c`, measured over its golden steps. None if a tool is
+    missing, or if the model cannot be exported to C.
     """
     if missing_tools():
         return None

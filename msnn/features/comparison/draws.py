@@ -1,4 +1,4 @@
-"""Draws values of a spec at random: between bounds, evenly or by their logarithm, or of a list."""
+"""Draws values of a spec at random: uniform, log-uniform, integer, or from a list."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Law: TypeAlias = Literal["uniform", "log", "integer"]
 _CALL = re.compile(r"\s*(uniform|log|integer|choice)\s*\((.*)\)\s*([^()]*)", re.DOTALL)
 _LAWS: Mapping[str, Law] = {"uniform": "uniform", "log": "log", "integer": "integer"}
 _DIGITS = 6
-"""Of a drawn number: what a label shows is what is trained."""
+"""Significant digits of a drawn number, so that labels show the exact value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Numbers from `low` to `high`: even, or `log` with an even logarithm, or whole ones."""
+    """Numbers from `low` to `high`: uniform, log-uniform (`log`), or integer."""
 
     law: Law
     low: float
@@ -33,7 +33,7 @@ class Bounds:
     unit: str = ""
 
     def value(self, share: float) -> str:
-        """The number below which this share of all draws lies, as YAML writes it."""
+        """The quantile of the distribution at `share`, as YAML text."""
         match self.law:
             case "uniform":
                 number = self.low + share * (self.high - self.low)
@@ -46,7 +46,7 @@ class Bounds:
         return self.text(number)
 
     def text(self, number: float) -> str:
-        """A number between the bounds as YAML writes it, with so many digits that labels show."""
+        """A number between the bounds as YAML text, rounded for labels."""
         shown = float(f"{number:.{_DIGITS}g}")
         text = f"{int(number)}" if self.law == "integer" else repr(_within(shown, self))
         return f"{text} {self.unit}".rstrip()
@@ -57,7 +57,7 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """One of these, each as likely; texts as YAML writes them."""
+    """One of these values with equal probability; texts in YAML syntax."""
 
     values: tuple[str, ...]
 
@@ -70,7 +70,7 @@ class Listed:
 
 @dataclass(frozen=True, slots=True)
 class DrawAxis:
-    """A value of the spec, and what it is drawn from."""
+    """A value of the spec, and its distribution."""
 
     path: str
     law: Bounds | Listed
@@ -78,7 +78,7 @@ class DrawAxis:
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """The values that are drawn, the number of draws, and the seed that decides them."""
+    """The drawn values, the number of draws, and their seed."""
 
     axes: tuple[DrawAxis, ...] = ()
     count: int = 0
@@ -86,10 +86,10 @@ class Draws:
 
     @property
     def drawn(self) -> Drawn | None:
-        """A value an axis, `count` times; None where nothing is drawn.
+        """One value per axis, `count` times; None if nothing is drawn.
 
-        Draw i of a key depends on the seed, i and the key alone: more draws, or another key, leave
-        the others as they are.
+        Draw i of a key depends only on the seed, i and the key. More draws, or another key, do not
+        change the others.
         """
         if not self.axes:
             return None
@@ -101,7 +101,7 @@ class Draws:
 
     @property
     def each_choice(self) -> Drawn:
-        """Rows in which every choice stands once, beside lower bounds: what is checked first."""
+        """Rows that contain every choice, with lower bounds for numbers, for an early check."""
         choices = [
             axis.law.values if isinstance(axis.law, Listed) else (axis.law.text(axis.law.low),)
             for axis in self.axes
@@ -115,7 +115,7 @@ class Draws:
 
     @property
     def numbers(self) -> frozenset[str]:
-        """Keys that are drawn between bounds: no value of theirs is like another."""
+        """Keys drawn between bounds, whose values are all different."""
         return frozenset(axis.path for axis in self.axes if isinstance(axis.law, Bounds))
 
 
@@ -123,9 +123,9 @@ NO_DRAWS = Draws()
 
 
 def draw_axes(given: Sequence[str] | Mapping[str, str]) -> tuple[DrawAxis, ...]:
-    """Reads each `parameters.k.init=log(1, 100) N/m`, or a mapping of key to law.
+    """Parses texts `parameters.k.init=log(1, 100) N/m`, or a mapping from key to distribution.
 
-    Raises SpecError for what is no path, `=` and law.
+    Raises SpecError for other texts.
     """
     if isinstance(given, Mapping):
         return tuple(_axis(path, law, f"{path}={law}") for path, law in given.items())
@@ -179,5 +179,5 @@ def _share(seed: int, draw: int, path: str) -> float:
 
 
 def _within(number: float, bounds: Bounds) -> float:
-    """Rounding leaves no bound behind."""
+    """The number clipped to the bounds, which rounding might exceed."""
     return min(max(number, bounds.low), bounds.high)

@@ -1,4 +1,4 @@
-"""Says what a comparison will measure of a model, before anything is trained."""
+"""Determines what a comparison will measure of a model, before training."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 
 def planned(model: Model) -> tuple[Measured, ...]:
-    """The metrics that `validate` will give, every number still unknown. Raises SpecError."""
+    """The metrics of the `validate` section with unknown values. Raises SpecError."""
     findings = Findings()
     plans = plan_checks(model.program, model.spec.checks, findings)
     findings.raise_errors()

@@ -1,4 +1,4 @@
-"""Draws a comparison: accuracy on rows held out against what a step costs."""
+"""Draws a comparison: accuracy on held-out rows against the cost of a step."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from msnn.reports.plotting import COLORS, new_figure, saved_figure
 
 
 def plot_comparison(path: Path, found: Comparison) -> Path:
-    """A point a model, with its deviation over seeds and folds; the Pareto front is a line.
+    """One point per model, with standard deviation over seeds and folds; the Pareto front as line.
 
-    The name's ending says the format, one of FORMATS.
+    The suffix selects the format, one of FORMATS.
     """
     figure = new_figure(2)
     axis: Any = figure.subplots()

@@ -1,4 +1,4 @@
-"""Prints how a comparison goes: a line a training, with the time that is left."""
+"""Prints the progress of a comparison: one line per training, with the remaining time."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from spec_schema.diagnostics.printable import printable
 
 
 class TrialLines:
-    """Prints a line for every training that is over, and each warning once.
+    """Prints a line for every completed training, and each warning once.
 
-    `pause` is how many seconds apart lines are at least: of those between only what is wrong.
+    Lines are at least `pause` seconds apart; in between, only errors are printed.
     """
 
     def __init__(self, stream: TextIO, pause: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""Lets Optuna propose values of a spec from how good those before were."""
+"""Lets Optuna propose values of a spec based on earlier results."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ from msnn.training.run_line import begun
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _TEXTS = "values"
-"""Under which a trial of the study keeps what it was trained with, as YAML."""
+"""Attribute of a study's trial for its values, as YAML."""
 _IN_MEMORY = re.compile(r"(sqlite(\+\w+)?://(/|/?(?=\?)|$))?(:memory:)?(\?.*)?")
-"""What SQLite takes for no file."""
+"""Matches SQLite addresses without a file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """The space that Optuna searches, and the place where it keeps its trials."""
+    """The search space of Optuna, and the storage of its trials."""
 
     storage: str
-    """A file of SQLite, or the address of a database as SQLAlchemy writes it."""
+    """A SQLite file, or the address of a database in SQLAlchemy's format."""
     spec: Path
     settings: Sequence[str]
     draws: Draws
     wanted: str | None
-    """The criterion as the user asked for it."""
+    """The criterion requested by the user."""
     is_higher_better: bool
     decided_by: Sequence[object]
-    """All else that decides how good a proposal is: model, data, seeds, folds."""
+    """Everything else that affects the result: model, data, seeds, folds."""
 
 
 def search_of(
     one: Variant, storage: str, draws: Draws, wanted: str | None, setup: Setup, lists: TrialLists
 ) -> Search:
-    """A search around `one` of its variants, which tells what is searched. Raises SpecError."""
+    """The search for a spec; `one` is one of its variants. Raises SpecError."""
     readings = Readings(setup.data, setup.data_root)
     fold = lists.of([one])[0].fold
     model = readings.model(one, fold)
@@ -76,7 +76,7 @@ def search_of(
 
 @dataclass(slots=True)
 class Proposals:
-    """A study of Optuna: what it proposed, what became of that, and what it proposes next."""
+    """An Optuna study: its proposals, their results, and the next proposals."""
 
     search: Search
     lists: TrialLists
@@ -84,12 +84,12 @@ class Proposals:
     _optuna: Any = field(init=False)
     _asked: int = field(init=False, default=0)
     _open: dict[Variant, list[int]] = field(init=False, default_factory=dict[Variant, list[int]])
-    """Proposals that the study has no value of, by number; two may be of the same values."""
+    """Numbers of proposals without a result, by variant; two may have equal values."""
     _ended: dict[Variant, list[RunLine]] = field(
         init=False, default_factory=dict[Variant, list[RunLine]]
     )
     _before: list[Variant] = field(init=False, default_factory=list[Variant])
-    """What the study knew when it was opened, to be listed with the others."""
+    """Earlier variants of the study, to be listed with the others."""
 
     def __post_init__(self) -> None:
         OPTUNA.require("proposes values for `--optuna`")
@@ -118,7 +118,7 @@ class Proposals:
                 self._open.setdefault(variant, []).append(trial.number)
 
     def more(self) -> Sequence[Trial]:
-        """The trials of the next proposal; none where there were enough."""
+        """The trials of the next proposal; empty if there are enough."""
         if self._before:
             found = tuple(dict.fromkeys(self._before))
             self._before.clear()
@@ -142,7 +142,7 @@ class Proposals:
         return ()
 
     def ended(self, trial: Trial, line: RunLine) -> None:
-        """Tells the study how good a proposal is when all its seeds and folds are over."""
+        """Reports a proposal's result to the study when all its seeds and folds are complete."""
         self._ended.setdefault(trial.variant, []).append(line)
         self._tell(trial.variant)
 
@@ -160,7 +160,7 @@ class Proposals:
             self._say(number, score if math.isfinite(score) else None)
 
     def _say(self, number: int, score: float | None) -> None:
-        """Gives the study the value of a proposal, or none; one that another command gave stays."""
+        """Reports the result of a proposal, or its failure; a result of another command is kept."""
         state = self._optuna.trial.TrialState
         # a diverged training says where not to look, but has no number that a sampler could use
         over = state.FAIL if score is None else state.COMPLETE
@@ -169,9 +169,10 @@ class Proposals:
 
     @contextmanager
     def _kept(self) -> Generator[None]:
-        """Raises SpecError where the storage fails: its disk is full, its server went away.
+        """Raises SpecError if the storage fails, e.g. a full disk or a lost server.
 
-        Around calls of Optuna alone: no mistake of ours is to pass for one of a storage.
+        Used only around calls of Optuna, so that internal errors are not reported as storage
+        errors.
         """
         try:
             yield
@@ -197,7 +198,7 @@ class Proposals:
                 return made.CategoricalDistribution(listed.values)
 
     def _opened(self) -> Any:
-        """The study of these laws, model and data; others in the storage are left alone."""
+        """The study with these distributions, model and data; other studies are not changed."""
         search = self.search
         given = [(axis.path, str(axis.law)) for axis in self._axes]
         better = "maximize" if search.is_higher_better else "minimize"
@@ -229,14 +230,14 @@ def _reason(error: Exception) -> str:
 
 
 def _text(axis: DrawAxis, value: object) -> str:
-    """The value as it stands in a label, and is trained with."""
+    """The value as text for labels and training."""
     if isinstance(axis.law, Bounds) and isinstance(value, int | float):
         return axis.law.text(value)
     return str(value)
 
 
 def _score(lines: Sequence[RunLine], wanted: str | None) -> float:
-    """The mean over seeds and folds; NaN where a training did not come to its end."""
+    """The mean over seeds and folds; NaN if a training was not completed."""
     if any(line.state != "finished" for line in lines):
         return math.nan
     criterion = chosen_criterion(lines, wanted)

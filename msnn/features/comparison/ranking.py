@@ -1,4 +1,4 @@
-"""Ranks the models of a comparison: by one metric on rows held out, and by what they cost."""
+"""Ranks the models of a comparison by one metric on held-out rows, and by cost."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _HIGHER = frozenset({"fit", "r2"})
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """One metric of one output, simulated one way: what models are ranked by."""
+    """One metric of one output and kind of simulation, the criterion of the ranking."""
 
     way: Way | None
-    """None: the monitor of the last stage, where no spec says what to measure."""
+    """None: the monitor of the last stage, if no spec has metrics."""
     metric: str
 
     @property
@@ -30,7 +30,7 @@ class Criterion:
         return self.metric in _HIGHER
 
     def of(self, measured: Sequence[Measured]) -> float:
-        """The metric among those that were measured; NaN where it is not there."""
+        """The metric in a list of measurements; NaN if it is missing."""
         found = (
             # by way: two specs may measure one output over different rollouts
             each.metrics.get(self.metric, math.nan)
@@ -58,14 +58,14 @@ class Ranked:
 
     variant: Variant
     lines: tuple[RunLine, ...]
-    """Trainings that came to their end."""
+    """Completed trainings."""
     failed: tuple[RunLine, ...]
     scores: tuple[float, ...]
-    """The criterion on rows held out, one a training."""
+    """The criterion on held-out rows, one value per training."""
     training_score: float
-    """The criterion on the rows that were trained on."""
+    """The criterion on the training rows."""
     is_on_front: bool = False
-    """Whether no other model is as accurate for less, or more accurate for as much."""
+    """True if no other model is equally accurate at lower cost, or more accurate at equal cost."""
     is_best: bool = False
 
     @property
@@ -74,12 +74,12 @@ class Ranked:
 
     @property
     def deviation(self) -> float:
-        """Over n - 1; NaN of a single training."""
+        """Sample standard deviation with n − 1; NaN for a single training."""
         return float(np.std(self.scores, ddof=1)) if len(self.scores) > 1 else math.nan
 
     @property
     def is_whole(self) -> bool:
-        """Whether every training came to its end: the mean of some folds flatters."""
+        """True if every training was completed; the mean of some folds would be too optimistic."""
         # folds that diverge are the hard ones
         return not self.failed and not math.isnan(self.score)
 
@@ -94,7 +94,7 @@ class Ranked:
 
     @property
     def instructions(self) -> float:
-        """The instructions of one step of the C; NaN where they were not counted."""
+        """Instructions of one step of the C code; NaN if not counted."""
         found = [line.cost.instructions for line in self.lines if line.cost is not None]
         return float(np.mean(found)) if found else math.nan
 
@@ -104,14 +104,15 @@ class Ranked:
 
     @property
     def expense(self) -> float:
-        """Instructions of a step where they were counted, else learned numbers."""
+        """Instructions per step if counted, else the number of learned parameters."""
         return self.parameters if math.isnan(self.instructions) else self.instructions
 
     def information(self, way: Way | None) -> tuple[float, float]:
-        """Akaike's and Schwarz's criteria of the training rows, for each scored value.
+        """AIC and BIC of the training rows, per scored value.
 
-        AIC/n = (L + 2p)/n, BIC/n = (L + p ln n)/n, L = -2 ln of the likelihood of Gaussian errors,
-        p learned numbers, n scored values (Akaike 1974, Schwarz 1978). Smaller is better.
+        AIC/n = (L + 2p)/n, BIC/n = (L + p ln n)/n (Akaike 1974, Schwarz 1978). L is -2 ln of the
+        likelihood of Gaussian errors, p the learned parameters and n the scored values. Smaller is
+        better.
         """
         found: list[tuple[float, float]] = []
         for line in self.lines:
@@ -129,9 +130,9 @@ class Ranked:
 
 
 def common_ways(lines: Sequence[RunLine]) -> tuple[Way, ...]:
-    """Outputs and ways to simulate them that were measured of all, in the order of the first.
+    """Outputs and kinds of simulation that all lines contain, in the order of the first.
 
-    Raises SpecError where each was measured, but nothing alike.
+    Raises SpecError if there are measurements, but none in common.
     """
     if not lines:
         return ()
@@ -148,7 +149,7 @@ def common_ways(lines: Sequence[RunLine]) -> tuple[Way, ...]:
 
 
 def _told(line: RunLine) -> list[str]:
-    """The words for each measurement of a model: `y in m, record`."""
+    """A text for each measurement of a model: `y in m, record`."""
     return [
         f"{of} in {unit}, {rollout}" if unit else f"{of}, {rollout}"
         for of, rollout, unit in (each.way for each in line.held_out)
@@ -156,13 +157,11 @@ def _told(line: RunLine) -> list[str]:
 
 
 def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
-    """The criterion of ranks: `wanted`, or else the first entry of `validate`.
+    """The criterion `wanted`, or else that of the first entry of `validate`.
 
-    `fit`, `x_next.fit` and `x_next.fit:record` name a metric, its output, and how its rollout
-    begins.
-
-    Where no spec has such entries, that is the monitor. Raises SpecError for what was not
-    measured of all.
+    `fit`, `x_next.fit` and `x_next.fit:record` name a metric, its output, and the beginning of its
+    simulation. Without entries in any spec it is the monitor. Raises SpecError for a metric that is
+    not common to all.
     """
     ways = common_ways(lines)
     shared = [each for way in ways for each in lines[0].held_out if each.way == way]
@@ -172,7 +171,7 @@ def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
 
 
 def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
-    """The metric that `wanted` names among those that are measured. Raises SpecError."""
+    """The metric named by `wanted` among those measured. Raises SpecError."""
     measured, _, rollout = wanted.partition(":")
     of, _, metric = measured.rpartition(".")
     for each in shared:
@@ -187,7 +186,7 @@ def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
 def ranked(lines: Mapping[Variant, Sequence[RunLine]], criterion: Criterion) -> tuple[Ranked, ...]:
     """All models, the most accurate first.
 
-    Behind them are those of which some trainings failed, and last those without a score.
+    Models with failed trainings follow, and models without a score are last.
     """
     entries = [_ranked(variant, found, criterion) for variant, found in lines.items()]
     sign = -1.0 if criterion.is_higher_better else 1.0
@@ -219,9 +218,9 @@ def _ranked(variant: Variant, found: Sequence[RunLine], criterion: Criterion) ->
 
 
 def _marked(ordered: Sequence[Ranked]) -> tuple[Ranked, ...]:
-    """The same with the best and the front of accuracy against expense marked.
+    """The same models, with the best one and the Pareto front of accuracy and cost marked.
 
-    Both of those whose trainings all ended, or of what there is where no model is such.
+    Only models with complete trainings are considered, unless there are none.
     """
     least = math.inf
     marked: list[Ranked] = []
@@ -236,9 +235,9 @@ def _marked(ordered: Sequence[Ranked]) -> tuple[Ranked, ...]:
 
 
 def cheapest_as_good(entries: Sequence[Ranked], criterion: Criterion) -> Ranked | None:
-    """The cheapest model within one standard error of the best (Breiman et al. 1984), if another.
+    """The cheapest model within one standard error of the best (Breiman et al. 1984).
 
-    None where the best was trained once, so that nothing is known of its spread.
+    None if it is the best itself, or if the best was trained once, so that its spread is unknown.
     """
     best = next((entry for entry in entries if entry.is_best), None)
     if best is None or len(best.scores) < 2:

@@ -1,4 +1,4 @@
-"""Keeps the models and the data that trials share, so that each is read once by a process."""
+"""Caches models and data shared by trials, so that each process reads them once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from msnn.training.folds import of_fold
 # trials come variant by variant: more would only hold memory
 _MODELS, _TABLES = 4, 2
 _SAYS_NOTHING_OF_DATA = frozenset({"parameters", "train", "validate", "export"})
-"""Sections that decide nothing of what is read from files."""
+"""Sections that do not affect the data read from files."""
 
 Value = TypeVar("Value")
 DataKey: TypeAlias = "tuple[Path, tuple[str, ...]]"
@@ -30,7 +30,7 @@ Folds: TypeAlias = dict[int | None, Dataset]
 
 @dataclass(slots=True)
 class Readings:
-    """The models and data that were needed last, of specs and files that stay as they are."""
+    """The most recently used models and data, of unchanging specs and files."""
 
     frames: Frames | None
     root: Path | None
@@ -47,7 +47,7 @@ class Readings:
         return model if fold is None else of_fold(model, fold)
 
     def data(self, variant: Variant, fold: int | None) -> Dataset:
-        """The data that the model of this variant and fold reads; folds share their arrays.
+        """The data of this variant and fold; folds share their arrays.
 
         Raises SpecError and MissingExtraError.
         """
@@ -63,7 +63,7 @@ class Readings:
 
 
 def data_key(variant: Variant) -> DataKey:
-    """The key that variants share which read the same data: settings of other sections differ."""
+    """A key shared by variants with the same data: settings of other sections may differ."""
     deciding = (
         setting
         for setting in variant.settings
@@ -74,7 +74,7 @@ def data_key(variant: Variant) -> DataKey:
 
 @dataclass(slots=True)
 class Latest(Generic[Value]):
-    """The `most` values that were asked for last."""
+    """A cache of the `most` most recently used values."""
 
     most: int
     _kept: OrderedDict[Hashable, Value] = field(init=False)
@@ -83,7 +83,7 @@ class Latest(Generic[Value]):
         self._kept = OrderedDict()
 
     def get(self, key: Hashable, made: Callable[[], Value]) -> Value:
-        """The value of the key, `made` where it is not kept."""
+        """The cached value of the key; created by `made` if missing."""
         # taken out and put behind: the first one is that which was not asked for the longest
         value = self._kept.pop(key) if key in self._kept else made()
         self._kept[key] = value

@@ -1,4 +1,4 @@
-"""Shows a comparison: as a table, and as JSON values."""
+"""Formats a comparison as a table, and as JSON values."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def comparison_table(found: Comparison, most: int | None = None) -> str:
 
 
 def comparison_cells(found: Comparison, most: int | None = None) -> Table:
-    """One row a model, the most accurate first; columns that nobody has are left out.
+    """One row per model, the most accurate first; empty columns are omitted.
 
-    With `most`, so many rows and those of the Pareto front and of trainings that failed.
+    With `most`, that many rows, and those of the Pareto front and of failed trainings.
     """
     others = _others(found)
     shown = (
@@ -47,7 +47,7 @@ def comparison_cells(found: Comparison, most: int | None = None) -> Table:
 
 
 def comparison_notes(found: Comparison) -> list[str]:
-    """The notes that a reader of the table should see besides."""
+    """Notes for readers of the table."""
     notes: list[str] = []
     best = found.best
     if best is not None and best.lines[0].folder is not None and found.folder is not None:
@@ -73,7 +73,7 @@ def comparison_notes(found: Comparison) -> list[str]:
 
 
 def comparison_record(found: Comparison) -> dict[str, Any]:
-    """The same as JSON values, with every training."""
+    """The comparison as JSON values, with every training."""
     drawn = {axis.path: str(axis.law) for axis in found.draws.axes}
     return {
         "draws": {"seed": found.draws.seed, "count": found.draws.count, "keys": drawn}
@@ -118,7 +118,7 @@ def comparison_record(found: Comparison) -> dict[str, Any]:
 
 
 def _others(found: Comparison) -> list[Criterion]:
-    """The fit of what is ranked, and what the first entries ask for of all else."""
+    """Further columns: the fit of the ranked output, and the first metric of each other one."""
     shown: list[Criterion] = []
     lines = [line for entry in found.entries for line in entry.lines]
     for way in found.ways:

@@ -1,4 +1,4 @@
-"""One training of a comparison: a variant, seed and fold, trained, measured and costed."""
+"""One training of a comparison: a variant, seed and fold is trained, evaluated and costed."""
 
 from __future__ import annotations
 
@@ -42,39 +42,39 @@ class Trial:
 
     variant: Variant
     seed: int
-    """0 is what the spec says; others draw initial values and orders anew."""
+    """0 means the spec's seed; other seeds draw initial values and batch orders."""
     fold: int | None
     is_costed: bool = True
-    """Whether its C is counted: that of other seeds and folds has the same operations."""
+    """True if its C code is measured; other seeds and folds have the same operations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """The settings that all trials of a comparison share."""
+    """The common settings of all trials of a comparison."""
 
     data: Frames | None
     data_root: Path | None
     held_out: str
-    """The set that models are compared on."""
+    """The set for the comparison."""
     runs: Path | None
-    """Where trainings are kept; None keeps none."""
+    """The folder of runs; None saves nothing."""
     counts_cost: bool
 
 
 @dataclass(frozen=True, slots=True)
 class TrialOutcome:
-    """The end of a trial."""
+    """The result of a trial."""
 
     line: RunLine
     is_new: bool
-    """False where the log had it."""
+    """False if it was taken from the log."""
     is_logged: bool = False
-    """Whether the log has its line already."""
+    """True if the log already contains its line."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadyTrial:
-    """A trial that is to be trained: what is known before, and what it reads."""
+    """A trial ready for training: its log line, model and data."""
 
     trial: Trial
     line: RunLine
@@ -85,11 +85,10 @@ class ReadyTrial:
 def run_trial(
     trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
 ) -> TrialOutcome:
-    """Trains, measures and costs a variant, or takes what is `known` of it by key.
+    """Trains, evaluates and costs a variant, or uses the line in `known` with its key.
 
-    Mistakes of the spec or the data, what is not installed, and a training that diverges are
-    outcomes. One that another process trains in the same folder is waited for. Raises
-    TrainingInterruptedError.
+    Errors of the spec or the data, missing packages and divergence are outcomes. If another process
+    trains in the same folder, waits for it. Raises TrainingInterruptedError.
     """
     found = ready_trial(trial, setup, known, readings)
     if isinstance(found, TrialOutcome):
@@ -111,7 +110,7 @@ def run_trial(
 
 
 def log_outcome(log: Path, line: RunLine) -> bool:
-    """Adds the line of a training that is over to the log; False for one that was refused."""
+    """Appends the line of a completed training to the log; False for a refused one."""
     # a refused spec can be mended: next time it is tried again
     if line.state == "refused":
         return False
@@ -126,7 +125,7 @@ def log_outcome(log: Path, line: RunLine) -> bool:
 def ready_trial(
     trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
 ) -> ReadyTrial | TrialOutcome:
-    """Prepares a trial; the outcome itself where it is known, or cannot be trained."""
+    """Prepares a trial; returns its outcome if it is known or cannot be trained."""
     # a spec that cannot be read has no hash; its line says at least which one was tried
     line = _unknown(trial)
     try:
@@ -145,7 +144,7 @@ def ready_trial(
 
 
 def train_ready(ready: ReadyTrial, setup: Setup) -> TrialOutcome:
-    """Trains, measures and costs it. Raises TrainingInterruptedError."""
+    """Trains, evaluates and costs a trial. Raises TrainingInterruptedError."""
     try:
         with sources_of(ready.model):
             return TrialOutcome(_trained(ready, setup), is_new=True)
@@ -157,18 +156,18 @@ def train_ready(ready: ReadyTrial, setup: Setup) -> TrialOutcome:
 
 
 def trial_folder(model: Model, line: RunLine) -> Path:
-    """The folder in which a trial is kept, seen from the log."""
+    """The folder of a trial, relative to the log."""
     # by its key, no time: a training that was killed finds its checkpoint there
     return Path(model.name) / _FOLDER / line.key[:_KEY_SHOWN]
 
 
 def killed(trial: Trial, times: str) -> TrialOutcome:
-    """The outcome of a trial whose process was killed again and again."""
+    """The outcome of a trial whose process was killed repeatedly."""
     return refused(_unknown(trial), SpecError((killed_again(trial.variant.label, times),)))
 
 
 def refused(line: RunLine, error: SpecError | MissingExtraError) -> TrialOutcome:
-    """A training that cannot be, and why."""
+    """The outcome of a trial that cannot be trained, with the reason."""
     found = error.diagnostics if isinstance(error, SpecError) else [error.diagnostic]
     sources = error.sources if isinstance(error, SpecError) else ()
     reason = render(found, "full", sources)
@@ -176,9 +175,9 @@ def refused(line: RunLine, error: SpecError | MissingExtraError) -> TrialOutcome
 
 
 def _is_kept(line: RunLine, model: Model, setup: Setup) -> bool:
-    """Whether a training that the log has was measured as now, and has its weights, if wanted.
+    """True if a logged training has the same measurements and, if needed, valid weights.
 
-    A file that is empty, cut short or of other arrays is no file of weights.
+    A weights file that is empty, truncated or has other arrays is invalid.
     """
     if line.state != "finished":
         return True
@@ -218,9 +217,9 @@ def _unknown(trial: Trial) -> RunLine:
 
 
 def _completed(line: RunLine, ready: ReadyTrial, setup: Setup) -> RunLine:
-    """The line of a training that is over, with its cost and its training rows.
+    """The line of a completed training, with its cost and the metrics of training rows.
 
-    Who trained it may have asked for neither: `train --folds` measures what it held out alone.
+    A training by another command may lack both: `train --folds` only evaluates the held-out fold.
     """
     model, data = ready.model, ready.data
     lacks_cost = setup.counts_cost and ready.trial.is_costed and line.cost is None
@@ -256,7 +255,7 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
 def _measured(
     model: Model, data: Dataset, weights: Mapping[str, FloatArray], name: str
 ) -> tuple[Measured, ...]:
-    """Measures what the spec asks for on the rows of a set."""
+    """The metrics of the spec on the rows of a set."""
     checks, stages = model.spec.checks, model.spec.train
     found = validate(
         model.program, data, checks, weights, on=name, judges_errors=False, stages=stages
@@ -265,7 +264,7 @@ def _measured(
 
 
 class _Heard(Silent):
-    """Keeps what a training warns of."""
+    """Collects the warnings of a training."""
 
     def __init__(self) -> None:
         self.said: list[str] = []

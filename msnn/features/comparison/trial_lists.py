@@ -13,7 +13,7 @@ from msnn.training.folds import fold_count
 
 @dataclass(slots=True)
 class TrialLists:
-    """The trainings of each variant; the count of folds in data is read once."""
+    """The trainings of each variant; the number of folds is determined once per dataset."""
 
     seeds: int
     folds: bool
@@ -22,7 +22,7 @@ class TrialLists:
     )
 
     def of(self, compared: Sequence[Variant]) -> list[Trial]:
-        """Every variant from the same seed before any from the next. Raises SpecError."""
+        """All variants with the first seed, then with the next. Raises SpecError."""
         return [
             Trial(variant, seed, fold, is_costed=seed == 0 and fold in (None, 1))
             # a comparison that is interrupted has every variant by one seed, not one variant by all

@@ -1,4 +1,4 @@
-"""The models that a comparison trains: specs, each with every choice of the grid."""
+"""Enumerates the models of a comparison: specs, each with every choice of the grid."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from spec_schema.yaml_tree.reader import read_tree
 _GRID = "--grid"
 
 Grid: TypeAlias = "Sequence[str] | Mapping[str, Sequence[object]]"
-"""Axes as `--grid` takes them, or values by path."""
+"""Texts in the form of `--grid`, or values by path."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A spec with values replaced."""
+    """A spec with overridden values."""
 
     spec: Path
     settings: tuple[str, ...]
-    """Those of all variants, then its own: `layers.h.fir.window=10`."""
+    """Common settings, then those of the variant: `layers.h.fir.window=10`."""
     label: str
-    """What tells it from the others."""
+    """A label that distinguishes it from other variants."""
     drawn_by: int | None = None
-    """The seed of the draws that it is one of."""
+    """The seed of the draws, if it was drawn."""
 
 
 @dataclass(frozen=True, slots=True)
 class GridAxis:
-    """A value of the spec and what it shall be, one after the other."""
+    """A value of the spec, and the values to try."""
 
     path: str
     values: tuple[str, ...]
-    """As YAML writes them."""
+    """Values in YAML syntax."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """Values that were drawn: of these paths, a row a draw."""
+    """Drawn values of these paths, one row per draw."""
 
     paths: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
@@ -54,9 +54,9 @@ class Drawn:
 
 
 def grid_axis(text: str) -> GridAxis:
-    """Reads `layers.h.fir.window=5,10,20`; values are YAML, lists and mappings in brackets.
+    """Parses `layers.h.fir.window=5,10,20`; values are YAML, lists and mappings in brackets.
 
-    Raises SpecError for what is no path, `=` and values.
+    Raises SpecError for other texts.
     """
     path, equals, values = text.partition("=")
     # a line break would make two settings of one
@@ -67,7 +67,7 @@ def grid_axis(text: str) -> GridAxis:
 
 
 def grid_axes(grid: Grid) -> list[GridAxis]:
-    """The axes of texts, or of a mapping of path to values. Raises SpecError."""
+    """The axes of texts, or of a mapping from path to values. Raises SpecError."""
     if isinstance(grid, Mapping):
         return [
             GridAxis(one_path(path), tuple(map(value_text, values)))
@@ -77,7 +77,7 @@ def grid_axes(grid: Grid) -> list[GridAxis]:
 
 
 def listed_values(text: str) -> tuple[str, ...] | None:
-    """The values of YAML between commas on one line, as they stand there; None where none are."""
+    """The YAML values between commas on one line, verbatim; None if the text is invalid."""
     findings = Findings()
     # as a flow list of YAML, so that commas within brackets and quotes do not separate
     listed = SourceText(_GRID, f"[{text}]")
@@ -95,9 +95,9 @@ def variants(
     settings: Sequence[str],
     drawn: Drawn | None = None,
 ) -> tuple[Variant, ...]:
-    """Every spec with every draw and every choice of one value an axis, once.
+    """Every spec with every draw and every combination of grid values, without duplicates.
 
-    The last axis changes fastest, draws slowest.
+    The last axis varies fastest, draws slowest.
     """
     drawn = drawn or Drawn((), ((),), None)
     paths = [*drawn.paths, *(axis.path for axis in grid)]
@@ -124,7 +124,7 @@ def _names(specs: Sequence[Path]) -> list[str]:
 
 
 def _short(paths: Sequence[str]) -> list[str]:
-    """The shortest ends of paths that differ: `window`, or `f.window` beside `g.window`."""
+    """The shortest distinct suffixes of paths: `window`, or `f.window` and `g.window`."""
     steps = [path.split(".") for path in paths]
     for depth in range(1, max(map(len, steps), default=1)):
         ends = [".".join(each[-depth:]) for each in steps]

@@ -1,1 +1,1 @@
-"""Looks at measured data before a model does: what is wrong with it, and what it can teach."""
+"""Checks measured data before modelling: errors in the data, and their information content."""

@@ -1,4 +1,4 @@
-"""Makes one scalar series of each element of a signal, with its place in the files."""
+"""Extracts a scalar series for each element of a signal, with its place in the files."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """One element of a signal over all rows of a data set."""
+    """One element of a signal over all rows of a dataset."""
 
     name: str
-    """`u`, or `tau[2]` of a vector."""
+    """`u`, or `tau[2]` for a vector."""
     signal: Signal
     values: FloatArray
     left_out: BoolArray
-    """Rows that a filter has taken out; `values` has no value there."""
+    """Rows removed by a filter; `values` is NaN there."""
     missing: BoolArray
-    """Rows that lack a value although the column usually has one."""
+    """Rows without a value although the column usually has one."""
 
     @property
     def unit(self) -> str:
-        """The unit after a number, with a blank before it."""
+        """The unit to append to a number, with a leading blank."""
         return _after_number(self.signal.unit)
 
     @property
     def difference_unit(self) -> str:
-        """The unit after the difference of two values, K of degC."""
+        """The unit of a difference, to append to a number: K for degC."""
         return _after_number(self.signal.unit and self.signal.unit.difference)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowsOfData:
-    """The places of a data set's rows, and the gaps between them, jitter allowed."""
+    """The places of a dataset's rows, and their gaps, with a tolerance for jitter."""
 
     records: tuple[Record, ...]
     follows: BoolArray
@@ -55,7 +55,7 @@ class RowsOfData:
 
 
 def rows_of(dataset: Dataset) -> RowsOfData:
-    """The rows of a data set; those that a filter has taken out break it."""
+    """The rows of a dataset; rows removed by a filter are gaps."""
     found = np.zeros(dataset.rows, dtype=np.bool_)
     for record in dataset.records:
         for piece in record.pieces:
@@ -69,10 +69,10 @@ def rows_of(dataset: Dataset) -> RowsOfData:
 def channels_of(
     program: Program, dataset: Dataset, resampled_to: float | None = None
 ) -> Iterator[Channel]:
-    """Every element of every signal, inputs first, without values in rows that a filter took out.
+    """Every element of every signal, inputs first, NaN in rows removed by a filter.
 
-    Of rows that are resampled later, to so many seconds, empty cells between the values of a slower
-    column are not missing.
+    If rows are later resampled to `resampled_to` seconds, empty cells between values of a slow
+    column do not count as missing.
     """
     measured = np.ones(dataset.rows, dtype=np.bool_)
     inputs = [signal for signal in program.signals if signal.role is Role.INPUT]
@@ -101,7 +101,7 @@ def channels_of(
 
 
 def _lost(dataset: Dataset, values: FloatArray, sample_time: float) -> BoolArray:
-    """The rows that lack a value that resampling does not take from those around."""
+    """The rows without a value that resampling cannot interpolate."""
     found = np.zeros(dataset.rows, dtype=np.bool_)
     for piece in (piece for record in dataset.records for piece in record.pieces):
         own = values[piece.start : piece.stop]

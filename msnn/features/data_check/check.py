@@ -1,4 +1,4 @@
-"""Looks at all data that a spec reads, and says what is wrong with them and what they can teach."""
+"""Checks all data of a spec: their faults, and the information they contain."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ from spec_schema.diagnostics.diagnostic import Findings
 def check_data(
     model: Model, data: GivenData | None = None, data_root: str | Path | None = None
 ) -> DataCheck:
-    """Checks the data of a model; `data`, files or frames, in place of those of the spec.
+    """Checks the data of a model, or `data` (files or frames) instead.
 
-    Raises SpecError where they cannot be read at all, MissingExtraError.
+    Raises SpecError if the data cannot be read at all, and MissingExtraError.
     """
     files = None if data is None else given_files(data)
     if data is not None and files is None:
@@ -58,7 +58,7 @@ def check_data(
 def check_datasets(
     model: Model, recorded: Mapping[str, Dataset], resampled: Dataset | None = None
 ) -> DataCheck:
-    """Checks data sets; the system is looked at in the first, or in it at the sample time."""
+    """Checks datasets; the system is identified from the first, or from `resampled`."""
     findings = Findings()
     checked: list[DatasetCheck] = []
     for name, dataset in recorded.items():
@@ -104,7 +104,7 @@ def _dataset(model: Model, name: str, dataset: Dataset, *, resampled: bool) -> D
 
 
 def _step(checked: DatasetCheck, otherwise: float) -> float:
-    """Seconds between rows as they are recorded."""
+    """Seconds between recorded rows."""
     steps = [one.step for one in checked.sampling if np.isfinite(one.step)]
     return float(np.median(steps)) if steps else otherwise
 

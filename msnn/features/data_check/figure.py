@@ -1,4 +1,4 @@
-"""Draws a look at data: each column with what was found, each answer with its band."""
+"""Draws a check of data: each column with findings, each response with its band."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from msnn.reports.plotting import (
 _MOST_POINTS = 4000
 _LINES = 1024
 _MOST_ROWS = 40
-"""Of each kind: a picture has at most 65,536 points on a side."""
+"""Maximum rows of plots of each kind, because images have at most 65,536 px per side."""
 
 
 def plot_data_check(path: Path, check: DataCheck) -> Path:
-    """Draws a row a column, its values with marked findings and its spectrum, then a row a pair.
+    """Draws one row per column (values, findings, spectrum), then one row per pair.
 
-    Columns are those of the first data section; of many the first forty are drawn, as of pairs.
-    The name's ending says the format.
+    Columns are those of the first data section; at most forty columns and pairs are drawn. The
+    suffix selects the format.
     """
     dataset = check.datasets[0]
     system = check.system
@@ -58,7 +58,7 @@ def _pairs(system: CheckedSystem | None) -> list[tuple[int, int]]:
 
 
 def _values(axis: Any, one: CheckedChannel, dataset: DatasetCheck) -> None:
-    """The series over the rows of all records, thinned to lowest and highest of neighbours."""
+    """The series over the rows of all recordings, thinned to local minima and maxima."""
     values = one.channel.values
     rows, shown = _thinned(values)
     axis.plot(rows, shown, color=COLORS[0], linewidth=0.7)
@@ -125,7 +125,7 @@ def _spectrum(axis: Any, one: CheckedChannel, step: float | None) -> None:
 
 
 def _response(row: Any, system: CheckedSystem, target: int, number: int) -> None:
-    """The answer to an impulse with its band, and beside it the answer to a step."""
+    """The impulse response with its band, and the step response."""
     one, channel = system.targets[target], system.inputs[number]
     found = one.found.responses
     assert found is not None

@@ -1,4 +1,4 @@
-"""Holds what a look at the data of a spec has found."""
+"""Defines the results of a data check."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 
 @dataclass(frozen=True, slots=True)
 class CheckedChannel:
-    """One series and what it shows by itself."""
+    """One series and its own properties."""
 
     channel: Channel
     found: SeriesCheck
@@ -25,19 +25,19 @@ class CheckedChannel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatasetCheck:
-    """One data section of the spec."""
+    """The results of one data section of the spec."""
 
     name: str
     """`data`, or the files of an entry of `validate`."""
     sampling: tuple[StepsOfTime, ...]
-    """Of every file whose rows have a time."""
+    """For every file with times."""
     channels: tuple[CheckedChannel, ...]
     rows: RowsOfData
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedTarget:
-    """One series that something answers for; `ahead` is how far an output predicts it."""
+    """One predicted series; `ahead` is the prediction horizon of the output."""
 
     channel: Channel
     ahead: int | None
@@ -51,7 +51,7 @@ class CheckedTarget:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckedSystem:
-    """The system between open inputs and targets, as the section `data` shows it."""
+    """The system between inputs and targets, as identified from the section `data`."""
 
     step: float
     """Seconds between its rows."""
@@ -62,7 +62,7 @@ class CheckedSystem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataCheck:
-    """All that was found, and what should be done about it."""
+    """All findings, and the suggested changes."""
 
     sample_time: float | None
     datasets: tuple[DatasetCheck, ...]
@@ -72,7 +72,7 @@ class DataCheck:
 
 
 def targets_of(program: Program) -> Mapping[str, int | None]:
-    """Signals that outputs predict with how far ahead, and those that only training reads."""
+    """Predicted signals with their prediction horizon, and signals that only training reads."""
     found: dict[str, int | None] = {
         signal.name: None for signal in program.signals if signal.role is Role.TARGET
     }

@@ -1,4 +1,4 @@
-"""Reads the data of a spec as they are: gaps and missing values are facts, not yet errors."""
+"""Reads the data of a spec without changes: gaps and missing values are not errors here."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from spec_schema.sections.data.data import Data
 
 # `nan: split` cuts at missing values in place of refusing them; without `split` all is one set
 _KEPT: Mapping[str, str | None] = {"nan": "split", "split": None}
-"""Nothing is left out or refused, and all is one set."""
+"""Overrides of the data section: nothing is refused, and all rows are in one set."""
 
 
 def read_as_recorded(
@@ -32,8 +32,8 @@ def read_as_recorded(
 ) -> Mapping[str, Dataset]:
     """Every data section of the spec: `data`, then the files of entries of `validate`.
 
-    `files` are read in place of them all, laid out as those of `data`. Raises SpecError for what no
-    file may have, such as text among the numbers.
+    `files` replace all of them, with the layout of `data`. Raises SpecError for invalid files, such
+    as text among numbers.
     """
     sections: dict[str, Data] = {}
     if model.spec.data is not None:
@@ -66,7 +66,7 @@ def read_resampled(
 
 
 def frames_as_recorded(model: Model, frames: Frames) -> Dataset:
-    """The records of a session, laid out as the section `data` says, if there is one."""
+    """The recordings in frames, with the layout of the section `data`, if there is one."""
     return _framed(model, model.spec.data or plain_layout(model), frames, as_recorded=True)
 
 

@@ -1,4 +1,4 @@
-"""Lays out a look at data as tables for people and as plain data for machines."""
+"""Formats a data check as tables, and as JSON values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_PLACES = 1000
 
 
 def check_tables(check: DataCheck) -> str:
-    """Tables of the files, the columns, the inputs and the answers to them."""
+    """Tables of the files, the columns, the inputs and the responses."""
     parts: list[str] = []
     for dataset in check.datasets:
         files = _files_table(dataset.sampling)
@@ -37,7 +37,7 @@ def check_tables(check: DataCheck) -> str:
 
 
 def check_record(check: DataCheck) -> dict[str, Any]:
-    """The same as plain data; numbers that are not known are None or NaN."""
+    """The results as JSON values; unknown numbers are None or NaN."""
     return {
         "sample_time": check.sample_time,
         "datasets": [_dataset_record(dataset) for dataset in check.datasets],

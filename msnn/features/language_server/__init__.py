@@ -1,1 +1,1 @@
-"""Answers editors: diagnostics, hover, definitions, completion and repairs while one types."""
+"""Serves editors: diagnostics, hover, definitions, completion and quick fixes."""

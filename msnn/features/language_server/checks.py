@@ -1,4 +1,4 @@
-"""Decides which open text is checked when, and keeps what was found of each."""
+"""Schedules checks of open texts, and stores their results."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from msnn.features.language_server.worker import CheckEndedError, CheckProcess
 from spec_schema.diagnostics.source import SourceText
 
 PAUSE = 0.15
-"""Seconds without a change after which a text is checked."""
+"""Seconds without a change before a text is checked."""
 _STALE = 2.0
-"""Seconds that a check goes on although its text has changed: shorter ones may as well end."""
+"""Seconds after which a check of an outdated text is cancelled."""
 _LONGEST = 60.0
-"""Seconds after which a check is given up."""
+"""Timeout of a check in seconds."""
 
 
 @dataclass(eq=False, kw_only=True)
 class OpenText:
-    """A text in an editor: as it is, and what the last check of it found."""
+    """A text in an editor, and the results of its last check."""
 
     path: str
     source: SourceText
     version: int | None = None
     due: float | None = None
-    """When it is to be checked; None where it is, as it stands."""
+    """Time of the next check; None if the current text was checked."""
     checked: SourceText | None = None
-    """The text that `problems` are of."""
+    """The text to which `problems` belong."""
     problems: tuple[Problem, ...] = ()
     files: frozenset[str] = frozenset()
-    """Where the files that the last check read really are."""
+    """Real paths of the files that the last check read."""
     knowledge: Knowledge = field(default_factory=Knowledge)
     _view: View | None = None
 
     @property
     def view(self) -> View:
-        """The text with what is known of it, made once for each text."""
+        """The text with the known names of its model, cached per text."""
         view = self._view
         if view is None or view.source is not self.source or view.knowledge is not self.knowledge:
             view = self._view = View(self.source, self.knowledge)
@@ -52,7 +52,7 @@ class OpenText:
 
 
 class Checks:
-    """The texts that are open, by their addresses, and one process that checks them in turn."""
+    """The open texts by URI, and one process that checks them in turn."""
 
     def __init__(
         self, publish: Callable[[str, OpenText], None], complain: Callable[[str], None]
@@ -66,7 +66,7 @@ class Checks:
         self._changed = asyncio.Event()
 
     def put(self, address: str, path: str, text: str, version: int | None) -> None:
-        """Opens or replaces a text; it and those that use it are checked soon."""
+        """Opens or replaces a text; schedules checks of it and of texts that use it."""
         opened, pause = self.texts.get(address), PAUSE
         if opened is None:
             pause = 0.0
@@ -77,26 +77,26 @@ class Checks:
         self._ask(opened, time.monotonic() + pause)
 
     def close(self, address: str) -> None:
-        """Forgets a text: what is in its file holds again."""
+        """Removes a text; its file on disk is used again."""
         # before asking: those that use it read its file then, not what was typed
         closed = self.texts.pop(address, None)
         if closed is not None:
             self._ask(closed, time.monotonic())
 
     def look_again(self) -> None:
-        """Checks all: files may have changed."""
+        """Schedules checks of all texts, because files may have changed."""
         for opened in self.texts.values():
             opened.due = time.monotonic()
         self._changed.set()
 
     def end(self) -> None:
-        """Ends the process, and the loop after what it does."""
+        """Ends the process and the loop."""
         self._is_over = True
         self._thread.shutdown(wait=True, cancel_futures=True)
         self._process.stop()
 
     async def run(self) -> None:
-        """Checks what is due until the server ends."""
+        """Runs scheduled checks until the server ends."""
         loop = asyncio.get_running_loop()
         # while the editor still shows the file: the first check then finds a process ready
         loop.run_in_executor(self._thread, self._process.start)
@@ -151,7 +151,7 @@ class Checks:
         return self._is_over or is_stale or took > _LONGEST
 
     def _ask(self, changed: OpenText, due: float) -> None:
-        """Has a text checked, and every other that reads it."""
+        """Schedules checks of a text and of every text that reads it."""
         real = _real(changed.path)
         changed.due = due
         for opened in self.texts.values():

@@ -1,4 +1,4 @@
-"""Proposes what may be written at a place: keys, names, functions, units, words."""
+"""Completes the text at a position: keys, names, functions, units, words."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from spec_schema.fields.quantities import QuantityField, UnitField
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
 
 MOST = 200
-"""Proposals at once: an editor asks again when more is typed."""
+"""Maximum number of proposals; an editor asks again when more is typed."""
 
 ItemKind = Literal["key", "name", "function", "unit", "word"]
 
@@ -42,7 +42,7 @@ _AFTER_NUMBER = re.compile(r"\s*[+-]?[\d.]+(?:[eE][+-]?\d+)?\s+(?P<unit>\S*)\Z")
 _CALL = re.compile(r"([\w.]+)\s*\Z")
 _KEYWORD_OF_DIMS = re.compile(r"\b(?:over|dim)\s*=\s*\Z")
 _LONGEST_NAME = 200
-"""Characters before a bracket in which the name of what is called is looked for."""
+"""Characters before a bracket in which the called name is searched."""
 # the note behind the type of an Annotated: what tells one leaf from another
 _EXPRESSIONS = tuple(get_args(field)[1] for field in (ExpressionField, ConditionField, ArrayField))
 _REFERENCES = tuple(get_args(field)[1] for field in (Reference, SwitchOrReference))
@@ -56,7 +56,7 @@ _CALLED = (Kind.LAYER, Kind.FUNCTION)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
-    """A proposal: what is shown, what is written in place of the word before the place."""
+    """A proposal: its label, and the text that replaces the current word."""
 
     label: str
     kind: ItemKind
@@ -66,13 +66,13 @@ class Item:
 
     @property
     def doc(self) -> str:
-        """Markdown about it."""
+        """Documentation in Markdown."""
         return name_text(self.about) if isinstance(self.about, Known) else self.about
 
 
 @dataclass(frozen=True)
 class Completion:
-    """Proposals for a stretch of the text; not all of them where there are too many."""
+    """Proposals for a range of the text; incomplete if there are too many."""
 
     items: tuple[Item, ...]
     range: TextRange
@@ -80,7 +80,7 @@ class Completion:
 
 
 def complete(view: View, position: Position) -> Completion | None:
-    """The words that fit a place; None where anything does."""
+    """The proposals for a position; None if any text is valid."""
     if view.is_comment(position):
         return None
     cursor = view.cursor(position)
@@ -130,7 +130,7 @@ def _chosen(
     view: View,
     position: Position,
 ) -> Completion:
-    """The proposals that begin as what is typed, those with the same capitals first."""
+    """The proposals with the typed prefix; exact case comes first."""
     typed = cursor.before[_start_of_word(cursor.before, character) :]
     folded = typed.casefold()
     kept = [item for item in items if item.label.casefold().startswith(folded)]
@@ -144,7 +144,7 @@ def _chosen(
 
 
 def _start_of_word(text: str, character: re.Pattern[str]) -> int:
-    """The position where the characters begin that end a text."""
+    """The start of the longest suffix that consists of these characters."""
     start = len(text)
     while start and character.fullmatch(text[start - 1]):
         start -= 1
@@ -173,7 +173,7 @@ def _keys(place: SchemaPlace, view: View, position: Position) -> Iterator[Item]:
 
 
 def _named_keys(gathering: Gathering | None, view: View) -> Iterator[Known]:
-    """The names that may be keys: none where keys are new names."""
+    """The existing names that may be keys; none where keys are new names."""
     if gathering is None or gathering.schema is declarations:
         return
     of_parts = gathering.schema is member_keys
@@ -266,7 +266,7 @@ def _members(base: str, view: View) -> Iterator[Item]:
 
 
 def _keywords(before: str) -> Iterator[Item]:
-    """The keywords of the builtin whose call is open."""
+    """The keywords of the builtin whose call encloses the position."""
     depth = 0
     # backwards to the bracket that is open at the place
     for at in range(len(before) - 1, -1, -1):

@@ -1,6 +1,6 @@
-"""Finds which key or value of a spec a place is in, from indentation and brackets before it.
+"""Finds the key or value at a position from indentation and brackets before it.
 
-The text is what somebody types just now, so it need not be YAML: no parser would take it.
+The text is being edited and may be invalid YAML, so no parser is used.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from spec_schema.diagnostics.source import SourceText
 
 ITEM = "0"
-"""The step of a path into a list, whichever item."""
+"""The path step for any item of a list."""
 
 # possessive (`++`, `*+`): a line that does not match fails in one pass, however long it is
 _BLOCK = re.compile(
@@ -23,16 +23,15 @@ _FLOW = re.compile(
     r"(?<![\w)\]])(?:\"[^\"]*+(?:\"|$)|'[^']*+(?:'|$))|[{}\[\],]|:(?=[\s{\[\"']|$)|#[^\n]*+"
 )
 _FURTHEST_FLOW = 60
-"""Lines above among which the bracket is looked for that a place is in."""
+"""Maximum number of lines in which the enclosing bracket is searched."""
 
 
 @dataclass(frozen=True)
 class Cursor:
-    """A place in a spec.
+    """A position in a spec.
 
-    `path` leads to the mapping in which a key is written, or to the value that is. `before` is what
-    is written of it before the place. `is_key` of an empty line may turn out to be a value that
-    starts below its key.
+    `path` leads to the mapping that contains a key, or to a value. `before` is its text before the
+    position. On an empty line `is_key` is true, although a value may follow.
     """
 
     path: tuple[str, ...]
@@ -42,7 +41,7 @@ class Cursor:
 
 @dataclass
 class _Bracket:
-    """An open bracket: what stands in it, as far as the place."""
+    """An open bracket and its contents before the position."""
 
     is_map: bool
     key: str | None = None
@@ -50,7 +49,7 @@ class _Bracket:
 
 
 def cursor_at(source: SourceText, line: int, column: int) -> Cursor:
-    """Finds the part of the text around a place; line and column count characters from zero."""
+    """The path and text at a position; line and column are in characters from zero."""
     text = source.line(line + 1)
     inside = _in_flow(source, line, column)
     if inside is not None:
@@ -76,7 +75,7 @@ def cursor_at(source: SourceText, line: int, column: int) -> Cursor:
 
 
 def _in_flow(source: SourceText, line: int, column: int) -> Cursor | None:
-    """The place within `{ }` or `[ ]` that open on its line or above; None outside of them."""
+    """The position within `{ }` or `[ ]` opened on this line or above; None outside brackets."""
     if source.text.startswith("{"):  # JSON, or a text in its manner
         # JSON is all brackets: from its first line on
         lines = [source.line(number + 1) for number in range(line)]
@@ -143,7 +142,7 @@ def _within(above: tuple[str, ...], brackets: list[_Bracket], text: str) -> Curs
 def _parents(
     source: SourceText, line: int, found: re.Match[str], column: int | None = None
 ) -> tuple[str, ...]:
-    """The path to what contains the key, or the text at a column, of a line."""
+    """The path to the parent of a key, or of the text at a column."""
     # what contains a line is indented less: upwards, each key left of the last one is the next
     # parent
     limit = found.end("dashes") if column is None else column
@@ -172,12 +171,12 @@ def _parents(
 
 
 def _items(found: re.Match[str], steps: list[str]) -> tuple[list[str], int, bool]:
-    """The steps with those into the lists that begin on a line, and its indentation."""
+    """The steps extended by lists that begin on a line, and its indentation."""
     return [*steps, *[ITEM] * found["dashes"].count("-")], len(found["indent"]), True
 
 
 def _continued(source: SourceText, line: int, column: int) -> bool:
-    """Whether a line without a key goes on with a text that began above."""
+    """True if a line without a key continues a text from above."""
     for number in range(line, 0, -1):
         text = source.line(number)
         written = text.lstrip(" ")

@@ -1,4 +1,4 @@
-"""Finds where the name at a place is declared, or which file is named there."""
+"""Finds the declaration of the name at a position, or the file named there."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Definition:
 
 
 def definition(view: View, position: Position) -> Definition | None:
-    """The declaration of the name at a place, also in the file of a sub-model."""
+    """The declaration of the name at a position, also in a sub-model's file."""
     cursor = view.cursor(position)
     file = _used_file(view, cursor.path, position) if not cursor.is_key else None
     if file is not None:

@@ -1,4 +1,4 @@
-"""Checks a spec as `msnn check` does and keeps what editors show of it."""
+"""Checks a spec like `msnn check`, and collects information for editors."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from spec_schema.diagnostics.source import SourceText
 
 @dataclass(frozen=True)
 class Examined:
-    """All that is to be said of a text, and what is known of the model where it compiles."""
+    """The diagnostics of a text, and information about the model if it compiles."""
 
     diagnostics: tuple[Diagnostic, ...]
     sources: Mapping[str, SourceText] = field(default_factory=dict[str, SourceText])
-    """The texts that places point into, by path."""
+    """The texts that diagnostics point into, by path."""
     knowledge: Knowledge | None = None
 
 
 def examine(path: str, text: str, unsaved: Mapping[str, str]) -> Examined:
-    """Runs `msnn check` on `text` at `path`, where open files hold in place of saved ones.
+    """Runs `msnn check` on `text` at `path`.
 
-    `unsaved` are texts of files by their real paths.
+    `unsaved` maps real paths to texts that replace saved files.
     """
     try:
         model = checked_model(Path(path), text=text, unsaved=unsaved)

@@ -1,4 +1,4 @@
-"""Says of the name or key at a place what it is: type, unit, samples, doc line."""
+"""Describes the name or key at a position: type, unit, samples, doc line."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _OF_SIGNALS = {
 
 @dataclass(frozen=True)
 class Hover:
-    """Markdown about a stretch of the text."""
+    """Markdown for a range of the text."""
 
     text: str
     range: TextRange
 
 
 def hover(view: View, position: Position) -> Hover | None:
-    """The description of a place; None where there is nothing to say."""
+    """The description for a position; None if there is none."""
     word = view.word(position)
     if word is None or view.is_comment(position):
         return None
@@ -118,7 +118,7 @@ def function_text(name: str, signature: Signature) -> str:
 
 
 def unit_text(text: str) -> str | None:
-    """The words for a unit in the SI."""
+    """The description of a unit in SI units."""
     try:
         unit = parse_unit(text)
     except UnitError:

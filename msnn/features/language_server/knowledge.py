@@ -1,4 +1,4 @@
-"""Gathers what an editor shows of the names of a model: kinds, types, units, samples, places."""
+"""Collects information about the names of a model: kinds, types, units, samples, places."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """A name: what it is, and what the compiler found of it."""
+    """A name with its kind and the compiler's information."""
 
     name: str
     kind: Kind
     place: Span
-    """Of its key, in its own file."""
+    """Place of its key, in its own file."""
     shape: str | None = None
-    """Axes as messages show them; None where it is no value or nobody knows."""
+    """Axes as in messages; None if it is not a value or is unknown."""
     unit: str | None = None
     reads: str | None = None
-    """The samples of it that the step, losses or starts read."""
+    """The samples that the step, losses or start read."""
     doc: str = ""
     arguments: tuple[str, ...] = ()
-    """Of a function."""
+    """Arguments of a function."""
     is_new: bool = False
-    """Whether no model with it has compiled yet."""
+    """True if no model with this name has compiled yet."""
 
 
 @dataclass(frozen=True)
 class Knowledge:
-    """All names of a model, those of sub-models with dots, and the files that it was read from."""
+    """All names of a model, with dotted names of sub-models, and the files of the model."""
 
     names: Mapping[str, Known] = field(default_factory=dict[str, Known])
     sources: Mapping[str, SourceText] = field(default_factory=dict[str, SourceText])
@@ -51,7 +51,7 @@ class Knowledge:
 
 
 def knowledge_of(model: Model) -> Knowledge:
-    """The known facts of a model that compiles."""
+    """The information about a model that compiles."""
     reads = _samples_read(model)
     # findings are thrown away: the model has compiled, and its check has told them
     scope = Scope(model.spec, Findings())
@@ -115,7 +115,7 @@ def _unit(unit: Located[Unit] | None) -> Unit | None:
 
 
 def _samples_read(model: Model) -> dict[str, str]:
-    """In words, by signal: `t-4 … t in the step, t+1 in losses`."""
+    """Texts by signal: `t-4 … t in the step, t+1 in losses`."""
     program = model.program
     parts = (
         ("the step", extents(program.step, log=False), "t"),
@@ -131,7 +131,7 @@ def _samples_read(model: Model) -> dict[str, str]:
 
 
 def members(names: Mapping[str, Known], base: str) -> Iterator[Known]:
-    """The names right below a sub-model."""
+    """The names directly below a sub-model."""
     start = f"{base}."
     for name, known in names.items():
         if name.startswith(start) and "." not in name[len(start) :]:

@@ -1,4 +1,4 @@
-"""Finds the sections and names of a text by its indentation alone, be it correct or not."""
+"""Finds the sections and names of a text from its indentation, even if it is invalid."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KINDS = {
     "equations": Kind.EQUATION,
     "outputs": Kind.OUTPUT,
 }
-"""The sections that declare names."""
+"""Sections that declare names, with their kind."""
 
 # No pattern gives back what it took: a hostile line would take the square of its length.
 _KEY = r"([^\s#:{}\[\],\"'&*!|>%@`-][^:#{}\[\],\r\n]*+):(?=[ \r\n]|$)(.*)$"
@@ -35,7 +35,7 @@ _IN_FLOW = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """A key of the text: where it stands, counted from zero, and the last line of its value."""
+    """A key of the text: position from zero, and the last line of its value."""
 
     name: str
     line: int
@@ -50,19 +50,19 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class OutlineSection:
-    """A section and the keys right below it."""
+    """A section and the keys directly below it."""
 
     heading: Heading
     entries: tuple[Heading, ...]
 
     @property
     def kind(self) -> Kind | None:
-        """The kind that its keys declare; None where they are no names."""
+        """The kind of names that its keys declare; None for other keys."""
         return KINDS.get(self.heading.name)
 
 
 def outline(source: SourceText) -> tuple[OutlineSection, ...]:
-    """The sections of a text in its order."""
+    """The sections of a text in order."""
     found = list(_SECTION.finditer(source.text))
     ends = [*(section.start() for section in found), len(source.text)][1:]
     return tuple(
@@ -75,7 +75,7 @@ def outline(source: SourceText) -> tuple[OutlineSection, ...]:
 
 
 def _entries(section: re.Match[str], end: int, source: SourceText) -> Iterator[Heading]:
-    """The keys of the first indentation below a section, or those in its `{ }`."""
+    """The keys of the first indentation below a section, or in its `{ }`."""
     first = _BELOW.search(source.text, section.end(), end)
     if first is None:
         yield from _in_flow(section, source.position(section.start())[0] - 1)
@@ -99,7 +99,7 @@ def _in_flow(section: re.Match[str], line: int) -> Iterator[Heading]:
 
 
 def _heading(key: str, start: int, end: int, source: SourceText) -> Heading:
-    """A key that starts at an offset and whose value ends before another."""
+    """A key at an offset whose value ends before `end`."""
     line, column = source.position(start)
     # `end` begins the next key: its line, counted from one, less that line and the count
     last = source.position(end)[0] - (2 if end < len(source.text) else 1)

@@ -1,4 +1,4 @@
-"""Converts places of specs to positions of editors, which count UTF-16 code units from zero."""
+"""Converts spans to editor positions, which count UTF-16 code units from zero."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LAST_OF_ONE_UNIT = 0xFFFF
 
 @dataclass(frozen=True, slots=True, order=True)
 class Position:
-    """A place between two characters: line and UTF-16 code unit, both from zero."""
+    """A position between two characters: line and UTF-16 code unit, both from zero."""
 
     line: int
     character: int
@@ -20,29 +20,29 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class TextRange:
-    """A stretch of a text, its end exclusive."""
+    """A range of a text, with exclusive end."""
 
     start: Position
     end: Position
 
     def touches(self, other: TextRange) -> bool:
-        """Whether the two have a place in common, be it the end of one."""
+        """True if the ranges overlap or touch."""
         return self.start <= other.end and other.start <= self.end
 
 
 START = TextRange(Position(0, 0), Position(0, 0))
-"""Where something is shown that has no place of its own."""
+"""Range for items without a place."""
 
 
 def range_of(span: Span, source: SourceText | None) -> TextRange:
-    """The range of a span; without its text, characters count as one unit."""
+    """The range of a span; without its text, each character counts as one unit."""
     return TextRange(
         _position(span.line, span.column, source), _position(span.end_line, span.end_column, source)
     )
 
 
 def offset_of(position: Position, source: SourceText) -> tuple[int, int]:
-    """Line and column, both from zero and in characters; what is outside moves to the end."""
+    """Line and column in characters from zero, clipped to the text."""
     # an editor may ask about a text that it has changed meanwhile
     if position.line >= source.line_count:
         line = source.line_count - 1
@@ -57,7 +57,7 @@ def offset_of(position: Position, source: SourceText) -> tuple[int, int]:
 
 
 def position_of(line: int, column: int, source: SourceText) -> Position:
-    """The position of a line and column that both count from zero."""
+    """The position for a line and column in characters from zero."""
     return _position(line + 1, column + 1, source)
 
 

@@ -1,4 +1,4 @@
-"""Turns what a check said into what an editor underlines, and into repairs it can make."""
+"""Converts the results of a check to underlined problems and quick fixes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spec_schema.diagnostics.source import Span
 
 @dataclass(frozen=True)
 class Related:
-    """A further place of a problem, maybe in another file."""
+    """A further place of a problem, possibly in another file."""
 
     path: str
     range: TextRange
@@ -22,7 +22,7 @@ class Related:
 
 @dataclass(frozen=True)
 class Problem:
-    """A diagnostic as it is shown in one file."""
+    """A diagnostic as shown in one file."""
 
     diagnostic: Diagnostic
     range: TextRange
@@ -32,7 +32,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Repair:
-    """The text that repairs a problem at its place."""
+    """A text that replaces the range of a problem."""
 
     problem: Problem
     title: str
@@ -40,15 +40,15 @@ class Repair:
 
 
 def problems_of(examined: Examined, path: str) -> tuple[Problem, ...]:
-    """One problem for each diagnostic, shown in the file at `path`.
+    """One problem per diagnostic, for the file at `path`.
 
-    What is wrong in the file of a sub-model stands where that is used.
+    A diagnostic in the file of a sub-model is shown at its use.
     """
     return tuple(_problem(diagnostic, examined, path) for diagnostic in examined.diagnostics)
 
 
 def repairs_of(problems: tuple[Problem, ...], path: str, chosen: TextRange) -> Iterator[Repair]:
-    """The repairs of the problems that a selection touches."""
+    """The quick fixes for problems in a selection."""
     for problem in problems:
         diagnostic = problem.diagnostic
         is_here = diagnostic.span is not None and diagnostic.span.file == path

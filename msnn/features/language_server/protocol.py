@@ -1,4 +1,4 @@
-"""Writes answers in the types of the Language Server Protocol."""
+"""Converts answers to types of the Language Server Protocol."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def range_to(range: TextRange) -> types.Range:
 
 
 def diagnostic_of(problem: Problem) -> types.Diagnostic:
-    """A problem with its code; its further places as related information."""
+    """A diagnostic with its code, and further places as related information."""
     related = [
         types.DiagnosticRelatedInformation(
             types.Location(_address(place.path), range_to(place.range)), place.label
@@ -49,7 +49,7 @@ def diagnostic_of(problem: Problem) -> types.Diagnostic:
 
 
 def action_of(repair: Repair, address: str) -> types.CodeAction:
-    """A repair as an edit of the text at an address."""
+    """A quick fix as an edit of the text with this URI."""
     edit = types.TextEdit(range_to(repair.problem.range), repair.text)
     return types.CodeAction(
         title=repair.title,
@@ -67,7 +67,7 @@ def location_of(found: Definition) -> types.Location:
 
 
 def completion_list(found: Completion) -> types.CompletionList:
-    """Proposals in their order."""
+    """Proposals in order."""
     range = range_to(found.range)
     items = [_item(item, number, range) for number, item in enumerate(found.items)]
     return types.CompletionList(is_incomplete=not found.is_whole, items=items)

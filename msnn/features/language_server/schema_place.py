@@ -1,4 +1,4 @@
-"""Tells what the schema says of the value at a path: its entry, its leaf, its keys."""
+"""Looks up the schema at a path: its entry, its leaf, its keys."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from spec_schema.sections.spec import Spec
 
 @dataclass(frozen=True)
 class SchemaPlace:
-    """A value of a spec: its type, what annotates that, and the key that it has in an entry."""
+    """The schema of a value: its type, annotations, and its key in an entry."""
 
     kind: Kind
     notes: tuple[Any, ...] = ()
     owner: type[Entry] | None = None
-    """The entry of which it is a key; None for names and items of lists."""
+    """The entry that contains the key; None for names and items of lists."""
     key: str = ""
 
     @property
     def entry(self) -> type[Entry] | None:
-        """The mapping that it is, if it is one with fixed keys."""
+        """The mapping class, if it has fixed keys."""
         return entry_of(self.kind)
 
     @property
     def gathering(self) -> Gathering | None:
-        """The reader of its keys or items, where the user chooses them."""
+        """The reader of user-defined keys, or of items."""
         return next((note for note in self.notes if isinstance(note, Gathering)), None)
 
     @property
     def leaf(self) -> LeafField | None:
-        """The reader of one value, of a shorthand too, and of an item where one may stand."""
+        """The reader of a scalar, also of a shorthand or of a single item."""
         leaf = next((note for note in self.notes if isinstance(note, LeafField)), None)
         if leaf is not None:
             return leaf
@@ -48,14 +48,14 @@ class SchemaPlace:
 
     @property
     def is_mapping(self) -> bool:
-        """Whether its keys are names that the user chooses."""
+        """True if its keys are names chosen by the user."""
         is_union = get_origin(self.kind) in (Union, UnionType)
         origins = (get_origin(arm) for arm in (get_args(self.kind) if is_union else (self.kind,)))
         return any(isinstance(origin, type) and issubclass(origin, Mapping) for origin in origins)
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The words that it may be, where it is one of some."""
+        """The permitted words, if it is a choice."""
         if self.leaf is None:
             return ()
         schema = self.leaf.schema
@@ -63,7 +63,7 @@ class SchemaPlace:
         return ("true", "false") if is_switch else tuple(map(str, schema.get("enum", ())))
 
     def below(self, step: str) -> SchemaPlace:
-        """The value of a key, a name or an item in it."""
+        """The schema below a key, name or item."""
         # the same walk as that of `--set`, so that editors and command line agree on what is a key
         kind = inside(self.kind, step)
         entry = self.entry
@@ -76,7 +76,7 @@ class SchemaPlace:
 
 
 def place_of(path: Sequence[str]) -> SchemaPlace | None:
-    """The value at a path of keys, names and numbers of items; None where nobody knows it."""
+    """The schema at a path of keys, names and items; None if unknown."""
     place = SchemaPlace(Spec)
     for step in path:
         place = place.below(step)
@@ -86,7 +86,7 @@ def place_of(path: Sequence[str]) -> SchemaPlace | None:
 
 
 def _notes(kind: Kind) -> Iterator[Any]:
-    """The annotations of a type, or of an arm of a union."""
+    """The annotations of a type, or of the members of a union."""
     origin = get_origin(kind)
     if origin is Annotated:
         inner, *notes = get_args(kind)
@@ -98,7 +98,7 @@ def _notes(kind: Kind) -> Iterator[Any]:
 
 
 def _items(kind: Kind) -> Kind | None:
-    """The type of the items of a list; None for all else."""
+    """The type of a list's items; None for other types."""
     origin = get_origin(kind)
     if origin is Annotated:
         return _items(get_args(kind)[0])

@@ -1,4 +1,4 @@
-"""Speaks the Language Server Protocol over the standard streams, by pygls."""
+"""Implements the Language Server Protocol over standard streams, with pygls."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Answer = TypeVar("Answer")
 
 
 class SpecServer(LanguageServer):
-    """A server of specs; every text is sent whole with each change."""
+    """A server for specs; every change sends the complete text."""
 
     def __init__(self) -> None:
         # whole texts: a spec is small, and edits in UTF-16 units applied in order are a source of
@@ -61,7 +61,7 @@ class SpecServer(LanguageServer):
         params: types.HoverParams | types.CompletionParams | types.DefinitionParams,
         ask: Callable[[OpenText, Position], Answer | None],
     ) -> Answer | None:
-        """Asks about a place in an open text; None where it is not open."""
+        """The answer for a position in an open text; None if the text is not open."""
         opened = self.checks.texts.get(params.text_document.uri)
         if opened is None:
             return None
@@ -69,7 +69,7 @@ class SpecServer(LanguageServer):
 
 
 def serve() -> None:
-    """Answers an editor until it says that it ends, or is gone."""
+    """Serves an editor until it ends or disconnects."""
     # a copy of the descriptor for the protocol; descriptor 1 then leads to stderr, for C libraries
     # too
     stdout = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
@@ -84,12 +84,12 @@ def serve() -> None:
 
 
 def _path(address: str) -> str:
-    """The path of a file; a text that has no file yet goes by its address."""
+    """The path of a file; the URI for a text without a file."""
     return str(Path(to_fs_path(address) or address))
 
 
 def spec_server() -> SpecServer:
-    """The server with all that it answers."""
+    """The server with all its handlers."""
     server = SpecServer()
     _follow_texts(server)
     _answer_places(server)

@@ -1,4 +1,4 @@
-"""Joins the text of an editor to what the last model that compiled tells of its names."""
+"""Combines an editor's text with information from the last compiled model."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _WORD = re.compile(r"[\w.]++")
 _QUOTED = re.compile(r"\"[^\"]*+\"|'[^']*+'")
 _COMMENT = re.compile(r"(?:^|\s)#")
 _SHOWN = 8
-"""Lines of a declaration that are shown."""
+"""Maximum number of displayed lines of a declaration."""
 _LONGEST = 1_000_000
-"""Characters of a text that is looked at; the reader refuses a longer one."""
+"""Maximum number of processed characters; the reader refuses longer texts."""
 
 
 @dataclass(frozen=True)
 class Word:
-    """A name in a line, as far as the place in it: of `plant.k` in its first part, `plant`."""
+    """A name in a line up to the position; in the first part of `plant.k` it is `plant`."""
 
     text: str
     line: int
@@ -43,7 +43,7 @@ class Word:
 
 @dataclass(frozen=True)
 class View:
-    """A text as it is now, and what was known of it last."""
+    """The current text, and the information from the last successful check."""
 
     source: SourceText
     knowledge: Knowledge
@@ -65,7 +65,7 @@ class View:
 
     @cached_property
     def names(self) -> Mapping[str, Known]:
-        """Every name; `place` tells where it stands now."""
+        """Every name; `place` is its current declaration."""
         new = {
             name: Known(name=name, kind=kind, place=span_of(heading, self.source), is_new=True)
             for name, (kind, heading) in self.headings.items()
@@ -75,23 +75,23 @@ class View:
         return {**self.knowledge.names, **new}
 
     def place(self, known: Known) -> Span:
-        """The declaration of a name: in the text as it is now, or in another file."""
+        """The declaration of a name: in the current text, or in another file."""
         found = self.headings.get(known.name)
         return known.place if found is None else span_of(found[1], self.source)
 
     def cursor(self, position: Position) -> Cursor:
-        """The part of the text around a place."""
+        """The path and text at a position."""
         return cursor_at(self.source, *offset_of(position, self.source))
 
     def is_comment(self, position: Position) -> bool:
-        """Whether a place is behind the `#` of a comment."""
+        """True if a position is in a comment."""
         line, column = offset_of(position, self.source)
         # a `#` in quotes is text
         before = _QUOTED.sub("", self.source.line(line + 1)[:column])
         return _COMMENT.search(before) is not None
 
     def declaration(self, known: Known) -> str:
-        """The lines of the text that declare a name, the first of them."""
+        """The first lines of a name's declaration."""
         if known.name not in self.headings:
             return ""
         _, heading = self.headings[known.name]
@@ -100,7 +100,7 @@ class View:
         return textwrap.dedent("\n".join(self.source.line(n + 1) for n in lines)).rstrip()
 
     def word(self, position: Position) -> Word | None:
-        """The name at a place; None between names."""
+        """The name at a position; None between names."""
         line, column = offset_of(position, self.source)
         text = self.source.line(line + 1)
         for found in _WORD.finditer(text):

@@ -1,4 +1,4 @@
-"""Runs checks in a process of its own, which may be ended: whatever a spec does, answers go on."""
+"""Runs checks in a separate process, which can be killed without affecting the server."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from msnn.features.language_server.examine import Examined, examine
 from msnn.project.process_context import children_off_working_folder
 
 _POLL = 0.05
-"""Seconds between two looks whether a check is still wanted."""
+"""Seconds between two tests if a check was cancelled."""
 
 
 class CheckEndedError(Exception):
-    """A check has no result: it was given up, or its process died."""
+    """A check has no result: it was cancelled, or its process died."""
 
 
 class CheckProcess:
-    """A process that checks one text after the other; it is replaced where it ends early."""
+    """A process that checks texts one after the other, and is restarted if it dies."""
 
     def __init__(self) -> None:
         # forked, it would share the editor's streams and locks of running threads
@@ -29,7 +29,7 @@ class CheckProcess:
         self._pipe: Any = None
 
     def start(self) -> None:
-        """Begins the process unless it runs: it takes a second to load the compiler."""
+        """Starts the process if it is not running; loading the compiler takes a second."""
         if self._process is not None and self._process.is_alive():
             return
         self.stop()
@@ -47,7 +47,7 @@ class CheckProcess:
         unsaved: Mapping[str, str],
         gives_up: Callable[[], bool],
     ) -> Examined:
-        """As `examine.examine`; CheckEndedError when `gives_up` says so or the process died."""
+        """See `examine.examine`; CheckEndedError if `gives_up` returns True or the process dies."""
         try:
             self.start()
             self._pipe.send((path, text, dict(unsaved)))
@@ -61,7 +61,7 @@ class CheckProcess:
             raise CheckEndedError("the process that checks specs ended") from error
 
     def stop(self) -> None:
-        """Ends the process, whatever it does."""
+        """Kills the process."""
         if self._process is not None:
             # SIGKILL: a check that runs away in C code hears nothing else
             self._process.kill()
@@ -78,7 +78,7 @@ class CheckProcess:
 
 
 def _answer(pipe: Any) -> None:
-    """Checks what comes; ends when the other side does."""
+    """Checks received texts until the pipe is closed."""
     os.dup2(2, 1)  # the standard output is the editor's
     with suppress(EOFError, OSError):  # the server is gone
         while True:

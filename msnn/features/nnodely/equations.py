@@ -1,4 +1,4 @@
-"""Writes terms as the texts of a spec: what is used twice, or is long, becomes an equation."""
+"""Writes terms as texts of a spec; repeated or long parts become equations."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from msnn.features.nnodely.terms.names import TakenNames
 from msnn.features.nnodely.terms.terms import ATOM, Call, Infix, Term, after_operands, text_of
 
 _LONGEST = 120
-"""Characters of a text inside another one."""
+"""Maximum characters of a text within another one."""
 _LONGEST_ENTRY = 3000
-"""Characters of an entry, some less than the parser takes."""
+"""Maximum characters of an entry, below the limit of the parser."""
 _LONGEST_NAME = 8
-"""Characters of an operand that a name would hardly make shorter."""
+"""Minimum characters of an operand that is worth an equation."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Equations:
-    """The texts of terms, and the equations that they share."""
+    """The texts of terms, and their common equations."""
 
     names: TakenNames
     hints: Mapping[int, str]
-    """What terms are called, by their identity."""
+    """Names of terms, by identity."""
     texts: dict[str, str] = field(default_factory=dict[str, str])
     _written: dict[int, tuple[str, int]] = field(default_factory=dict[int, "tuple[str, int]"])
     _uses: dict[int, int] = field(default_factory=dict[int, int])
 
     def count(self, roots: Iterable[Term]) -> None:
-        """Says what will be written, so that shared parts are known."""
+        """Registers a term to be written, to count repeated parts."""
         seen: set[int] = set()
         for root in roots:
             self._uses[id(root)] = self._uses.get(id(root), 0) + 1
@@ -38,16 +38,16 @@ class Equations:
                     self._uses[id(arg)] = self._uses.get(id(arg), 0) + 1
 
     def name(self, term: Term, name: str) -> None:
-        """Says that an entry of the spec is this term: others refer to it by its name."""
+        """Registers a term as an entry of the spec, so that others refer to its name."""
         if term.args and id(term) not in self._written:
             self._written[id(term)] = (name, ATOM)
 
     def is_named(self, term: Term, name: str) -> bool:
-        """Whether others refer to this term by that name."""
+        """True if others refer to this term by that name."""
         return self._written.get(id(term), ("", 0))[0] == name
 
     def text(self, root: Term, *, entry: str | None = None) -> str:
-        """The text of a term; of the entry that has its name, its formula."""
+        """The text of a term; for the entry with its name, the formula."""
         for arg in root.args:
             for node in after_operands(arg, lambda one: id(one) in self._written):
                 self._written[id(node)] = self._shared(node)
@@ -71,7 +71,7 @@ class Equations:
         return self._named(node, text[0])
 
     def _text_of(self, node: Term) -> tuple[str, int]:
-        """The text of a term; of one with too many operands, with names for these."""
+        """The text of a term, with equations for operands if there are too many."""
         text = text_of(node, [self._written[id(arg)] for arg in node.args])
         if len(text[0]) <= _LONGEST_ENTRY:
             return text

@@ -1,4 +1,4 @@
-"""Translates the functions of a saved model, each once as a formula or call by call."""
+"""Translates the functions of a saved model, each as one formula or separately per call."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
 
 _LONGEST = 40
-"""Operations of a formula that is written as a function of the spec."""
+"""Maximum number of operations of a formula written as a function of the spec."""
 
 
 class NotRecognisedError(Exception):
-    """Many relations that are followed one by one after all."""
+    """The relations of a recognised group must be followed one by one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Functions:
         default_factory=dict[tuple[Any, ...], "str | None"]
     )
     _separate: set[tuple[Any, ...]] = field(default_factory=set[tuple[Any, ...]])
-    """Functions whose rows do not mix, by the shapes of their arguments."""
+    """Functions known not to mix rows, by the shapes of their arguments."""
     _shapes: dict[tuple[Any, ...], tuple[int, ...]] = field(
         default_factory=dict[tuple[Any, ...], "tuple[int, ...]"]
     )
@@ -96,7 +96,7 @@ class Functions:
             raise self._refused(f"Functions.{key}", place, given.code, fault) from None
 
     def of_sets(self, key: str, streams: Sequence[Value], own: Sequence[Term], size: int) -> Value:
-        """A function of streams and of an array along the sets of a local model for each number."""
+        """A function of streams, and of an array with one element per set of a local model."""
         given = self.file.Functions[key]
         function = self._parsed((key, "code"), given.code or "", given.name or "")
         wholes = [Whole(v.pieces[0], (1, v.window, v.dim)) for v in streams]
@@ -113,7 +113,7 @@ class Functions:
         return one_piece(term)
 
     def of_offset(self, key: str) -> str | None:
-        """The function of the spec that fuzzy sets have of the distance to their centre."""
+        """The function of the distance to the centre that a fuzzy set uses."""
         code, name, place = self._membership(key, 0)
         function = self._parsed(place, code, name)
         try:
@@ -124,7 +124,7 @@ class Functions:
             raise self._refused(f"Functions.{key}", place, code, fault) from None
 
     def membership(self, key: str, index: int, center: float, value: Value) -> Value:
-        """A fuzzy set of another function than its neighbours."""
+        """A fuzzy set has another function than its neighbours."""
         code, name, place = self._membership(key, index)
         function = self._parsed(place, code, name)
         offset = self.values.elementwise(minus, value, one_piece(number(center)))
@@ -193,7 +193,7 @@ class Functions:
         *,
         batched: bool,
     ) -> Value | None:
-        """The function of whole values; None where elements are needed."""
+        """The function on complete values; None if elements are needed."""
         front = (1,) if batched else ()
         windows = {value.window for value in streams} - {1}
         if any(len(value.pieces) > 1 for value in streams) or len(windows) > 1:
@@ -225,7 +225,7 @@ class Functions:
         return one_piece(Term(term.head, term.args, term.window, shape[2]))
 
     def _formula(self, function: ast.FunctionDef, key: Any, wholes: Sequence[Whole]) -> str | None:
-        """The function of the spec for arguments of these shapes; None where it is too long."""
+        """The function of the spec for arguments of these shapes; None if it is too long."""
         known = (key, tuple(whole.shape for whole in wholes))
         if known in self._formulas:
             return self._formulas[known]
@@ -276,7 +276,7 @@ class Functions:
         return SpecError([untranslated(path, line[:100], fault.reason, span)], [self.text.source])
 
     def _line_span(self, place: tuple[str | int, ...], line: int) -> Span:
-        """The line of a source text within the text of the file, where `\\n` stands for its end."""
+        r"""The line of a source text in the JSON file, in which `\n` marks a line end."""
         path = ("Functions", *place)
         start, end = self.text.places.get(path, (0, 0))
         raw = self.text.source.text[start:end]
@@ -293,7 +293,7 @@ class Functions:
 
 
 def _size(term: Term) -> int:
-    """The operations of the text of a term, in which shared parts are repeated."""
+    """The number of operations in the text of a term, including repeated parts."""
     count: dict[int, int] = {}
     for node in after_operands(term, lambda one: False):
         count[id(node)] = 1 + sum(count[id(arg)] for arg in node.args)

@@ -1,4 +1,4 @@
-"""Makes a spec and weights of a model that nnodely 1.x saved."""
+"""Converts a model saved by nnodely 1.x to a spec and weights."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.reading.endless_files import refuse_endless
 
 _MOST_PASSES = 8
-"""Each finds a closed loop of more samples; a file has few of them."""
+"""Maximum repetitions, each of which finds a closed loop with more samples."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedModel:
-    """A spec as plain values, its weights by parameter, and what its reader should know."""
+    """A spec as plain values, its weights by parameter, and notes for the user."""
 
     spec: dict[str, Any]
     weights: dict[str, NDArray[np.float64]]
     names: dict[str, dict[str, str]]
-    """What inputs and outputs of the file are called in the spec."""
+    """Names of the file's inputs and outputs in the spec."""
     warnings: tuple[Diagnostic, ...]
     text: JsonText
 
 
 def import_text(text: str, file_name: str, name: str) -> ImportedModel:
-    """The model of a JSON text. Raises SpecError with what is wrong or cannot be said."""
+    """The model in a JSON text. Raises SpecError for errors and unsupported parts."""
     read = read_json(text, file_name)
     file = read_file(read)
     known = Loops()
@@ -67,7 +67,7 @@ def import_text(text: str, file_name: str, name: str) -> ImportedModel:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file. Raises SpecError where it is none."""
+    """The text of a file. Raises SpecError if it cannot be read."""
     try:
         # a device or a pipe has no end
         refuse_endless(path)
@@ -134,7 +134,7 @@ class _Import:
         self._values = values
 
     def model(self) -> ImportedModel:
-        """Follows outputs, then what closes loops, then losses; writes what was found."""
+        """Translates outputs, then feedback, then losses, and assembles the spec."""
         outputs = {
             old: self._whole(source, ("Outputs", old)) for old, source in self._file.Outputs.items()
         }

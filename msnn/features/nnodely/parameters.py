@@ -1,4 +1,4 @@
-"""Turns the arrays of a saved model into parameters and constants of a spec."""
+"""Converts the arrays of a saved model to parameters and constants of a spec."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from spec_schema.diagnostics.diagnostic import SpecError
 # names that nnodely gives to numbers in formulas: these are written as numbers again
 _AUTOMATIC = re.compile(r"Constant\d+|FParamFun\d+.*")
 _SHOWN = 16
-"""Numbers of a parameter that stand in the spec."""
+"""Maximum number of elements written in the spec."""
 _IN_ONE_TEXT = 150
-"""Numbers that one expression surely holds."""
+"""Maximum number of elements in one expression."""
 
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """The numbers of an array and the axes that they have in a spec."""
+    """The elements of an array, and its axes in a spec."""
 
     name: str
     values: NDArray[np.float64]
-    """As the file has them: the window first, then the dimensions."""
+    """Values in the file's shape: window first, then the dimensions."""
     timed: bool
 
     @property
     def turned(self) -> NDArray[np.float64]:
-        """With the window last, and without axes of one element."""
+        """The values with the window last, without axes of length 1."""
         values = np.moveaxis(self.values, 0, -1) if self.timed else self.values
         # the language has no axes of one element (R3)
         return values.reshape([n for n in values.shape if n > 1])
@@ -48,7 +48,7 @@ class Numbers:
 
 @dataclass(slots=True, kw_only=True)
 class Parameters:
-    """The arrays of the file, and what the spec declares of them."""
+    """The arrays of the file, and their declarations in the spec."""
 
     text: JsonText
     parameters: dict[str, Array]
@@ -57,7 +57,7 @@ class Parameters:
     names: TakenNames
     dims: Dims
     across: frozenset[str] = frozenset()
-    """Matrices that the spec has the other way round, as the layers that share them want it."""
+    """Matrices that are transposed in the spec, as required by the layers that share them."""
     declared: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
     fixed: dict[str, Any] = field(default_factory=dict[str, Any])
     weights: dict[str, NDArray[np.float64]] = field(
@@ -66,11 +66,11 @@ class Parameters:
     _terms: dict[str, Term] = field(default_factory=dict[str, Term])
 
     def has(self, name: str) -> bool:
-        """Whether the file has an array of that name."""
+        """True if the file has an array with that name."""
         return name in self.parameters or name in self.constants
 
     def numbers(self, name: str) -> Numbers:
-        """The values of an array in the shape that nnodely gives them."""
+        """The values of an array in nnodely's shape."""
         section = "Parameters" if name in self.parameters else "Constants"
         array = self.parameters.get(name) or self.constants[name]
         place = self.text.place(section, name)
@@ -95,12 +95,12 @@ class Parameters:
         return Numbers(name, values, timed)
 
     def _rounded(self, seconds: float) -> int:
-        """A duration in samples; none where it is beyond all numbers, which fits no values."""
+        """A duration in samples; 0 for infinite values, which fit no array."""
         steps = seconds / self.sample_time
         return round(steps) if abs(steps) < 1e15 else 0
 
     def operand(self, name: str) -> Value | None:
-        """A parameter or constant as an operand; None where its shape is that of a matrix."""
+        """A parameter or constant as an operand; None for a matrix."""
         found = self.numbers(name)
         shape = list(found.values.shape)
         size = shape[-1] if shape else 1
@@ -110,11 +110,13 @@ class Parameters:
         return Value(window, size, (self.term(name),))
 
     def is_matrix(self, name: str) -> bool:
-        """Whether the file has an array of that name which is no operand of other relations."""
+        """True if the file has an array with that name that is not an operand of other
+        relations.
+        """
         return self.has(name) and self.operand(name) is None
 
     def term(self, name: str) -> Term:
-        """The array as a whole; it is declared then."""
+        """The complete array, which is then declared."""
         if name not in self._terms:
             self._terms[name] = self._declare(name)
         return self._terms[name]
@@ -146,7 +148,7 @@ class Parameters:
         return term
 
     def samples(self, whole: Term, first: int, end: int) -> Term:
-        """The samples first … end − 1 of an array whose last axis runs along the window."""
+        """The samples first … end − 1 of an array whose last axis is the window."""
         axes = whole.head.axes if isinstance(whole.head, Named) else ()
         found: list[Term] = []
         for k in range(first, end):
@@ -155,7 +157,7 @@ class Parameters:
         return self.stacked(found)
 
     def stacked(self, samples: Sequence[Term]) -> Term:
-        """Samples as a list that runs along the window."""
+        """Samples as a list along the window."""
         if len(samples) == 1:
             return samples[0]
         head = CallHead("stack", f", dim={self.dims.of(len(samples), 'tap')}", steady=False)
@@ -190,7 +192,7 @@ class Parameters:
         return Term(Named(new, tuple(axes), window is not None), (), window, size)
 
     def joined(self, names: list[str], dim: str) -> Term:
-        """Parameters of one number each as one parameter along a dimension."""
+        """Scalar parameters combined to one parameter along a dimension."""
         new = self.names.free(names[0])
         # of shape () or (1,), which both are one number
         values = np.concatenate([self.numbers(name).values.reshape(-1)[:1] for name in names])
@@ -205,7 +207,7 @@ class Parameters:
 
 
 def entry_of(values: NDArray[np.float64]) -> Any:
-    """Numbers as a spec has them: one, a list, or the text of a list of lists."""
+    """Numbers in the form of a spec: one, a list, or a text of nested lists."""
     if values.ndim == 0:
         return shortest(float(values))
     if values.ndim == 1:
@@ -224,7 +226,7 @@ def _dims(axes: list[str]) -> str | list[str]:
 
 
 def number_array(given: Any) -> NDArray[np.float64] | None:
-    """Lists of finite numbers as an array; None of anything else."""
+    """Nested lists of finite numbers as an array; None for anything else."""
     try:
         values = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -1,4 +1,4 @@
-"""Lists the kinds of relations that are functions of values, and reads what stands beside these."""
+"""Lists the kinds of relations that are functions of values, and parses their options."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OF_ONE: Mapping[str, Callable[[Term], Term]] = {
 
 
 class UnknownKindError(Exception):
-    """A relation that is none of those that are read."""
+    """An unsupported relation."""
 
     def __init__(self, what: str, repair: str) -> None:
         super().__init__(what)
@@ -43,7 +43,7 @@ class UnknownKindError(Exception):
 
 
 def unknown_form(kind: str) -> UnknownKindError:
-    """A kind of relation that is not read, or has other arguments than nnodely writes."""
+    """An unsupported kind of relation, or unexpected arguments."""
     repair = "save it anew by `saveModel` of nnodely 1.x, or write its formula in a spec"
     if kind == "NeuralODE":
         repair = "write `states: {x: {der: …}}` with `integrator:` in a spec"
@@ -51,14 +51,14 @@ def unknown_form(kind: str) -> UnknownKindError:
 
 
 def counted(values: list[Value], wanted: int) -> list[Value]:
-    """The operands, if they are as many as the relation has."""
+    """The operands, if their number is correct."""
     if len(values) != wanted:
         raise ShapeError(f"{len(values)} operands, where {wanted} are needed")
     return values
 
 
 def one_name(rest: list[Any]) -> str:
-    """The name that is all that a relation has beside its operands."""
+    """The only option of a relation, a name."""
     if len(rest) == 1 and isinstance(rest[0], str):
         return rest[0]
     what, repair = "a `ParamFun` of this form is not known", "name one function after its operands"
@@ -66,7 +66,7 @@ def one_name(rest: list[Any]) -> str:
 
 
 def dropout_share(rest: list[Any]) -> float:
-    """The share that a layer drops out; 0 where it says none."""
+    """The dropout fraction of a layer; 0 if not given."""
     match rest:
         case []:
             return 0.0

@@ -1,4 +1,4 @@
-"""Follows the relations of a saved model one after the other, each to a value."""
+"""Evaluates the relations of a saved model, each to a value."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ class Relations:
     findings: Findings
     signals: Signals | None = None
     held: dict[str, Term | None] = field(default_factory=dict[str, "Term | None"])
-    """Relations that a gradient is taken by, as equations of their own."""
+    """Relations used for gradients, as separate equations."""
     recognised: dict[str, Recognised] = field(default_factory=dict[str, Recognised])
-    """Relations that stand for many."""
+    """Recognised groups of relations."""
     _known: dict[str, Value] = field(default_factory=dict[str, Value])
 
     def of(self, name: str) -> Value:
-        """The value of a relation, after all that it needs."""
+        """The value of a relation, after evaluating its operands."""
         # a stack of our own: chains of relations are longer than Python lets functions nest
         stack: list[tuple[str, bool]] = [(name, False)]
         open_names: dict[str, None] = {}
@@ -91,7 +91,7 @@ class Relations:
 
     @property
     def known(self) -> Mapping[str, Value]:
-        """The relations that were followed."""
+        """The evaluated relations."""
         return self._known
 
     def refused(self, diagnostic: Diagnostic) -> SpecError:
@@ -143,7 +143,7 @@ class Relations:
         return value
 
     def values_name(self, name: str) -> str:
-        """The name of a relation that is an equation of its own."""
+        """The name of a relation that is a separate equation."""
         return self.parameters.names.of("relation", name)
 
     def operand(self, name: str) -> Value:

@@ -1,4 +1,4 @@
-"""Finds what a window of an input is: logged samples, a state, or what is connected to it."""
+"""Classifies a window of an input: recorded samples, a state, or a connected value."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HIDDEN = re.compile(r".*_(sw|tw|int|der)\d+")
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The samples that nnodely keeps of an input, and the number of them in the future."""
+    """The samples that nnodely stores of an input, and how many are future samples."""
 
     back: int
     ahead: int
@@ -32,16 +32,16 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """The facts about closed inputs that following a model has found."""
+    """The properties of closed inputs determined during evaluation."""
 
     widths: dict[str, int] = field(default_factory=dict[str, int])
-    """Samples of what closes a loop, where it is more than one."""
+    """Number of samples of a feedback, if it is more than one."""
     ahead: set[str] = field(default_factory=set[str])
-    """Inputs whose samples after the current one the model reads."""
+    """Inputs whose future samples the model reads."""
 
 
 class OtherLoopError(Exception):
-    """A closed loop is another one than was thought; the model is followed again."""
+    """A closed loop differs from the assumption; the model is evaluated again."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -58,17 +58,19 @@ class Signals:
     inputs: dict[str, int] = field(default_factory=dict[str, int])
     states: dict[str, tuple[Term, int]] = field(default_factory=dict[str, "tuple[Term, int]"])
     equations: dict[str, Term] = field(default_factory=dict[str, Term])
-    """Whose past is kept, from 0."""
+    """Equations whose past is stored; it is 0 before the start."""
     scoring: bool = False
-    """Whether losses are followed, which read what was logged."""
+    """True while losses are evaluated, which read recorded values."""
     targets: dict[str, int] = field(default_factory=dict[str, int])
     loops: list[str] = field(default_factory=list[str])
-    """Closed inputs that are read, whose next values are still to be followed."""
+    """Closed inputs whose next values are still to be evaluated."""
     predicted: dict[str, int] = field(default_factory=dict[str, int])
-    """Inputs that the log begins and an output predicts, and how far ahead."""
+    """Inputs that start from data and are predicted by an output, with the number of steps
+    ahead.
+    """
 
     def window(self, name: str) -> Window:
-        """The union of the windows that the file says of an input, in samples."""
+        """The union of an input's windows in the file, in samples."""
         given = self.file.Inputs[name]
         back: list[int] = []
         ahead: list[int] = []
@@ -86,7 +88,7 @@ class Signals:
         return found
 
     def samples(self, name: str, seconds: float) -> int:
-        """A duration in samples, rounded as nnodely does."""
+        """A duration in samples, rounded like in nnodely."""
         step = self.file.Info.SampleTime
         # before it is rounded: a window of the file may be any number
         if abs(seconds / step) > 1e6:
@@ -138,7 +140,7 @@ class Signals:
         return Value(len(pieces), given.dim, tuple(pieces))
 
     def close(self, name: str, value: Value) -> None:
-        """Says what the next value of a closed input is."""
+        """Defines the next value of a closed input."""
         given = self.file.Inputs[name]
         width = self.known.widths.get(name, 1)
         if value.window != width:
@@ -176,7 +178,7 @@ class Signals:
         return Value(end - first, size, (Term(head, (), window, size),))
 
     def _slot(self, name: str, length: int, width: int, slot: int) -> Term:
-        """One sample of a buffer whose last samples are all replaced in each step."""
+        """One sample of a buffer that is completely replaced in each step."""
         # the newest sample is slot length − 1; the last `width` slots are states of their own,
         # older ones are their past
         newest = slot - (length - width)
@@ -204,7 +206,7 @@ class Signals:
         return past if late is None else self.values.after(past, late)
 
     def kept_past(self, name: str) -> Value:
-        """The value connected to an input, as an equation whose past is 0 before the start."""
+        """The value connected to an input, as an equation that is 0 before the start."""
         source = self.file.Inputs[name].connect
         assert source is not None
         value = self.value_of(source)
@@ -213,7 +215,7 @@ class Signals:
         return self._past(name, value, 0, 0)
 
     def _past(self, name: str, oldest: Value, first: int, last: int) -> Value:
-        """Earlier values of what is connected, 0 before the start."""
+        """Earlier values of the connected value, 0 before the start."""
         size = self.file.Inputs[name].dim
         new = self._new(name)
         self.equations[new] = self._spread(name, oldest).pieces[0]
@@ -222,7 +224,7 @@ class Signals:
         return Value(last - first + 1, size, (term,))
 
     def _spread(self, name: str, value: Value) -> Value:
-        """A scalar that is connected to an input of several elements stands in each."""
+        """A scalar connected to an input with several elements, repeated for each."""
         size = self.file.Inputs[name].dim
         if value.dim == size:
             return value

@@ -1,4 +1,4 @@
-"""Puts what was read of a model into the sections of a spec."""
+"""Assembles the sections of a spec from an evaluated model."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Sections:
 
 
 def spec_values(found: Sections) -> dict[str, Any]:
-    """The spec as plain values, in the order in which people read one."""
+    """The spec as plain values, in reading order."""
     equations, signals = found.equations, found.signals
     predictors, added = _predictors(found)
     outputs = {found.names.of("output", old): term for old, term in found.outputs.items()}
@@ -93,7 +93,7 @@ def spec_values(found: Sections) -> dict[str, Any]:
 
 
 def _degrees(settings: dict[str, Any]) -> list[Term]:
-    """The activations of a local model; none of another layer."""
+    """The activations of a local model; empty for other layers."""
     return settings.get("local_model", {}).get("by", [])
 
 
@@ -106,7 +106,7 @@ def _layer(equations: Equations, settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def _entry_text(equations: Equations, outputs: Mapping[str, Term], name: str) -> str:
-    """The formula of an output, or the name of the entry that is the same."""
+    """The formula of an output, or the name of an equal entry."""
     term = outputs[name]
     first = next((n for n, other in outputs.items() if other is term), name)
     # of two outputs that are the same term the first has the formula
@@ -115,7 +115,7 @@ def _entry_text(equations: Equations, outputs: Mapping[str, Term], name: str) ->
 
 
 def _predictors(found: Sections) -> tuple[dict[str, str], dict[str, Term]]:
-    """The output that predicts each input, and the outputs that are added for it."""
+    """The output that predicts each input, and added outputs."""
     predictors: dict[str, str] = {}
     added: dict[str, Term] = {}
     for old, ahead in found.signals.predicted.items():

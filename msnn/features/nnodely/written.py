@@ -1,4 +1,4 @@
-"""Writes an imported model: a spec that compiles, and its weights beside it."""
+"""Writes an imported model: a compiled spec and its weights."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _HEAD = """\
 
 @dataclass(frozen=True, slots=True)
 class WrittenImport:
-    """The files of an import, and what its reader should know."""
+    """The files of an import, and notes for the user."""
 
     spec: Path
     weights: Path
@@ -68,7 +68,7 @@ def write_import(file: Path, out: Path | None) -> WrittenImport:
 
 
 def compiled(model: ImportedModel, file: str, path: Path, weights: str) -> tuple[str, Program]:
-    """The text of the spec and its program. Raises SpecError where it does not compile."""
+    """The text of the spec and its program. Raises SpecError if it does not compile."""
     try:
         # compiled as it will be read, from its text
         text = spec_text(model, file, weights)

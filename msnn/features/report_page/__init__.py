@@ -1,1 +1,1 @@
-"""Writes a run as one page: pictures, tables, formulas, and the model itself as WebAssembly."""
+"""Writes a run as one page: plots, tables, formulas, and the model itself as WebAssembly."""

@@ -1,4 +1,4 @@
-"""Lays out the charts of errors, of rollouts and of training for the page."""
+"""Builds the charts of errors, of rollouts and of training for the page."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from msnn.validation.statistics.correlations import Correlation
 from msnn.validation.validate import MetricRow
 
 _COLORS = 7
-"""That the style of the page has."""
+"""Number of curve colours in the page's style."""
 _MOST_INPUTS = 4
 MOST_MEASUREMENTS = 8
 
 
 def color_of(number: int) -> str:
-    """The colour of the curve with that number."""
+    """The colour of a curve by its number."""
     return f"c{number % _COLORS + 1}"
 
 
 def error_charts(
     measurements: Sequence[Measurement], rows: Sequence[MetricRow]
 ) -> Iterator[tuple[str, Plain]]:
-    """A title and a chart each: correlations of errors, and how errors grow along rollouts."""
+    """Titles and charts: correlations of errors, and growth of errors along rollouts."""
     for found in measurements[:MOST_MEASUREMENTS]:
         title = ", ".join(measured_as(found))
         correlations = _correlations(found)
@@ -40,7 +40,7 @@ def error_charts(
 
 
 def _correlations(found: Measurement) -> Plain | None:
-    """Each correlation in the band of noise, a panel for the errors and one for each input."""
+    """Each correlation with the band of noise, one panel for the errors and one per input."""
     # of a vector the first number; how many more there are stands in the note
     first = found.judged.residuals[0]
     if first.itself is None:
@@ -128,7 +128,7 @@ def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
 
 
 def training_charts(run: Run) -> Iterator[tuple[str, Plain]]:
-    """A chart a stage: the loss on the training data and what was watched, over epochs."""
+    """One chart per stage: training loss and monitor over epochs."""
     for stage in run.stages:
         if len(stage.epochs) > 1:
             yield f"Stage {stage.reached.stage}", _losses(stage)

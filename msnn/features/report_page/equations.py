@@ -1,4 +1,4 @@
-"""Writes the equations of a spec for the page, each with its unit and its doc."""
+"""Formats the equations of a spec for the page, with units and docs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spec_schema.sections.spec import Spec
 
 @dataclass(frozen=True, slots=True)
 class ShownEquation:
-    """A formula as MathML, and what is said of its left side."""
+    """A formula as MathML, with the unit and doc of its left side."""
 
     kind: str
     mathml: str
@@ -69,7 +69,7 @@ def _row(left: str, right: str) -> str:
 
 
 def _start(init: InitialState) -> str:
-    """The initial value of each run; of one that is fitted also where the search for it begins."""
+    """The initial value of each run; for an estimated one also the initial guess."""
     begin = None if init.expression is None else expression_mathml(init.expression)
     if init.fit is None:
         assert begin is not None
@@ -79,7 +79,7 @@ def _start(init: InitialState) -> str:
 
 
 def _predicted(prediction: Prediction) -> str:
-    """The signal with a hat, at the sample that is predicted."""
+    """The predicted signal with a hat, at the predicted sample."""
     ahead = prediction.ahead
     now = isinstance(ahead, Samples) and ahead.count == 0
     index = "t" if now else f"t+{length_text(ahead)}"

@@ -1,4 +1,4 @@
-"""Lays out the charts of learned functions for the page."""
+"""Builds the charts of learned functions for the page."""
 
 from __future__ import annotations
 

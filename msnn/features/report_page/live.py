@@ -1,4 +1,4 @@
-"""Prepares the model that runs in the page: its C as WebAssembly, its ports, its golden steps."""
+"""Prepares the live model of the page: its C code as WebAssembly, its ports, its golden steps."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ from spec_schema.registry import ARITHMETICS
 from spec_schema.units.unit import ONE
 
 _MOST_INPUTS = 40
-"""Numbers that have sliders."""
+"""Maximum number of elements with sliders."""
 _LARGEST = 600_000
-"""Bytes of WebAssembly and golden steps."""
+"""Maximum bytes of WebAssembly and golden steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveModel:
-    """The texts with which the page runs the model."""
+    """The values with which the page runs the model."""
 
     values: Plain
     ports: Ports
     memory: Mapping[str, int]
-    """Bytes of one instance, and of its trained values, by what they are."""
+    """Bytes of one instance and of its trained values, by description."""
 
 
 @dataclass(frozen=True, slots=True)
 class NotLive:
-    """The reason why the page has no running model, and what gives it one."""
+    """The reason why the page has no live model, and how to get one."""
 
     reason: str
     repair: str | None = None
@@ -60,9 +60,9 @@ def live_model(
     data: Dataset | None,
     runs: Sequence[Simulation] = (),
 ) -> LiveModel | NotLive:
-    """The C that `msnn export --to c` writes, compiled to WebAssembly.
+    """The C code of `msnn export --to c`, compiled to WebAssembly.
 
-    States with a fitted start begin where one of these runs does.
+    States with an estimated initial value start from the estimate of one of these runs.
     """
     findings = Findings()
     plans = plan_exports(model, ("c",), findings, weights=weights)
@@ -122,12 +122,12 @@ def live_model(
 
 
 def linear_inputs(model: Model) -> frozenset[str]:
-    """The inputs that the model reads on straight lines between their samples."""
+    """The inputs that the model interpolates linearly between samples."""
     return frozenset(name for name, entry in model.spec.inputs.items() if entry.is_linear)
 
 
 def _ports(about: Plain, struct: str, kind: str, data: Dataset | None) -> list[Plain]:
-    """The fields of a struct that take samples: where they lie, what a slider may give."""
+    """The fields of a struct that contain samples: their offsets, and the ranges of sliders."""
     # a field without a port is time, or a flag that no record has
     described = {port["port"]: port for port in about[kind]}
     return [
@@ -162,7 +162,7 @@ def _port(field: Plain, offset: int, port: Plain | None, data: Dataset | None) -
 
 
 def _describe_start(port: Plain, program: Program, runs: Sequence[Simulation]) -> None:
-    """Gives a state with a fitted start a slider around the starts of the records."""
+    """Gives a state with an estimated initial value a slider around the recordings' estimates."""
     state = next((s for s in estimated_states(program) if s.name == port["name"]), None)
     if state is None or port["signal"] is not None:
         return
@@ -186,7 +186,7 @@ def _unit(port: Plain | None) -> str:
 
 
 def _indices(shape: Sequence[int], count: int, has_window: bool) -> list[tuple[int, ...]]:
-    """The indices of the elements, without the window, which is the last axis."""
+    """The indices of the elements, without the window axis, which is the last."""
     axes = shape[:-1] if has_window else shape
     found = list(np.ndindex(*axes))
     # an axis of 1 may be missing in the shape of C: elements are then numbered flat
@@ -194,7 +194,7 @@ def _indices(shape: Sequence[int], count: int, has_window: bool) -> list[tuple[i
 
 
 def _outputs(about: Plain, program: Program) -> list[Plain]:
-    """The fields that hold what a step answers, and which signal each predicts."""
+    """The fields with the results of a step, and the signal that each predicts."""
     ahead = {output.name: output.predicts for output in program.outputs}
     described = {port["port"]: port for port in about["outputs"]}
     found: list[Plain] = []
@@ -220,7 +220,7 @@ def _outputs(about: Plain, program: Program) -> list[Plain]:
 
 
 def _fields(layout: Plain, struct: str) -> list[tuple[Plain, int]]:
-    """Fields of a struct with the byte at which each begins, as wasm32 aligns them."""
+    """Fields of a struct with their byte offsets in wasm32."""
     fields: list[Plain] = layout["structs"][struct]
     # numpy's aligned dtypes follow the rules of C: each field at a multiple of its size
     dtype = StructMemory(fields, NUMBERS[layout["dtype"]]).dtype
@@ -229,7 +229,9 @@ def _fields(layout: Plain, struct: str) -> list[tuple[Plain, int]]:
 
 
 def _slider(field: Plain, port: Plain | None, data: Dataset | None) -> tuple[float, float, float]:
-    """Least, most and first value: of the declared range, else of the data."""
+    """Minimum, maximum and initial value of a slider: from the declared range, else from the
+    data.
+    """
     declared: list[float | None] = field["range"] or [None, None]
     low, high, middle = -1.0, 1.0, 0.0
     if port is not None and data is not None and port["name"] in data.series:
@@ -247,7 +249,7 @@ def _slider(field: Plain, port: Plain | None, data: Dataset | None) -> tuple[flo
 
 
 def _fed_by(port: Plain, outputs: Sequence[Plain]) -> int | None:
-    """The output that predicts the next samples of an input of one sample."""
+    """The output that predicts the next sample of a single-sample input."""
     for number, output in enumerate(outputs):
         if (
             output["predicts"] == port["signal"]

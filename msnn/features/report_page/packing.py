@@ -1,4 +1,4 @@
-"""Packs numbers for the page: single precision in base64, thinned where there are too many."""
+"""Packs numbers for the page: base64 of float32, thinned if there are too many."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from msnn.data.dataset import FloatArray
 Plain = dict[str, Any]
 
 _FAR = 2.0
-"""How many times their range numbers have to be from 0 to be kept as distances."""
+"""Minimum distance from 0, in multiples of their range, for storing values as differences."""
 
 
 def packed(values: FloatArray) -> Plain:
-    """Little-endian float32 in base64; what single precision cannot hold is infinite there.
+    """Little-endian float32 in base64; values beyond single precision become infinite.
 
-    Numbers that lie close together far from 0, as times since 1970 and pressures, are kept as
-    distances from a `base`, so that single precision holds their differences.
+    Values that are close together and far from 0, such as times since 1970, are stored as
+    differences from `base`, so that single precision suffices.
     """
     # float32 has 24 bits: seconds since 1970 would be known to two minutes
     base = _base(values)
@@ -31,7 +31,7 @@ def packed(values: FloatArray) -> Plain:
 
 
 def rounding(values: FloatArray) -> float:
-    """The largest error of the numbers that the page reads of packed ones."""
+    """The maximum rounding error of packed values."""
     known = values[np.isfinite(values)] - _base(values)
     # half a unit in the last place of the largest, by round to nearest even
     return float(np.abs(known).max(initial=0.0)) * 2.0**-24
@@ -48,9 +48,9 @@ def _base(values: FloatArray) -> float:
 
 
 def thinned(values: FloatArray, block: int) -> Plain:
-    """Lowest and highest of each block of values, in the order in which they come.
+    """Minimum and maximum of each block of values, in their order.
 
-    The page draws two points for a block, so that no peak is lost. A block without numbers is NaN.
+    The page draws two points per block, so that no peak is lost. A block without numbers is NaN.
     """
     count = math.ceil(len(values) / block)
     # the last block is filled up with what is not drawn
@@ -72,15 +72,15 @@ def thinned(values: FloatArray, block: int) -> Plain:
 
 
 def series(values: FloatArray, block: int) -> Plain:
-    """All values, or two for each block of more than two."""
+    """All values, or two per block if blocks have more than two."""
     return packed(values) if block <= 2 else thinned(values, block)
 
 
 def finite(value: float | None) -> float | None:
-    """JSON knows neither NaN nor infinity."""
+    """The value; NaN and infinity become None for JSON."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
 def listed(values: FloatArray) -> list[float | None]:
-    """Few values, as JSON has numbers."""
+    """Few values as JSON numbers."""
     return [finite(value) for value in np.asarray(values, np.float64).ravel().tolist()]

@@ -1,4 +1,4 @@
-"""Writes the page of a run: one HTML file that asks no network for anything."""
+"""Writes the page of a run: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _SCRIPTS = ("plot.js", "page.js", "live.js")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """All that the page shows of a run."""
+    """The contents of a run's page."""
 
     run: Run
     model: Model
@@ -52,15 +52,15 @@ class Contents:
     functions: Sequence[LearnedFunction]
     live: LiveModel | NotLive
     line: RunLine | None
-    """Of the log of trainings."""
+    """The line in the log of trainings."""
     verification: Mapping[str, Any] | None
-    """What `msnn verify` has found of an export."""
+    """The results of `msnn verify` for an export."""
     left_out: Sequence[str]
-    """What could not be shown, and why."""
+    """Texts about missing contents, with reasons."""
 
 
 def page_text(contents: Contents) -> str:
-    """The page. What a spec or a file says is text in it, never markup or script."""
+    """The page; texts of a spec or a file are escaped."""
     program = contents.model.program
     live = contents.live if isinstance(contents.live, LiveModel) else None
     shown = _records(contents, live)
@@ -135,7 +135,7 @@ def _records(contents: Contents, live: LiveModel | None) -> Records:
 
 
 def _undrawn(contents: Contents, measurements: int) -> Iterator[str]:
-    """The parts that the page has no room for, besides records."""
+    """Texts about omitted parts, except recordings."""
     for found, most, what in (
         (len(contents.functions), MOST_FUNCTIONS, "learned functions"),
         (measurements, MOST_MEASUREMENTS, "measurements, whose metrics are all in the table,"),
@@ -145,7 +145,7 @@ def _undrawn(contents: Contents, measurements: int) -> Iterator[str]:
 
 
 def _titled(charts: dict[str, Plain], kind: str, found: Any) -> list[tuple[str, str]]:
-    """Keeps the charts by a key; the keys and titles for the page."""
+    """Stores the charts by key; returns keys and titles for the page."""
     titles: list[tuple[str, str]] = []
     for title, chart in found:
         key = f"{kind}-{len(titles)}"
@@ -173,7 +173,7 @@ def _facts(contents: Contents) -> list[tuple[str, str]]:
 
 
 def _cards(contents: Contents) -> list[tuple[str, str, str]]:
-    """Figures that are looked for first: value, what it is, verdict."""
+    """The main figures: value, description, verdict."""
     cards: list[tuple[str, str, str]] = []
     validation = contents.validation
     if validation is not None:
@@ -220,7 +220,7 @@ def _c_tables(contents: Contents, live: LiveModel | None) -> list[tables.PageTab
 
 
 def _json(values: Plain) -> str:
-    """JSON in which no text can end the element that it stands in."""
+    """JSON text that cannot end its HTML element."""
     # allow_nan=False: browsers reject the NaN that Python would write
     text = json.dumps(values, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     # `</script>` ends the element wherever it stands; U+2028 and U+2029 end lines in older
@@ -231,7 +231,7 @@ def _json(values: Plain) -> str:
 
 
 def _hash(text: str) -> str:
-    """The hash by which the page's policy admits a text and no other."""
+    """The hash that the page's content security policy allows."""
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
 
 
@@ -250,7 +250,7 @@ def _environment() -> jinja2.Environment:
 
 
 def marked(text: str) -> Markup:
-    """A message as markup: what stands between backticks is code."""
+    """A message as HTML; text between backticks becomes code."""
     parts = text.split("`")
     # a backtick without another: no part is known to be code
     if len(parts) % 2 == 0:

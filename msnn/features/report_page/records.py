@@ -1,4 +1,4 @@
-"""Lays simulated records out for the page: measured over simulated, errors, inputs, in order."""
+"""Prepares simulated recordings for the page: measurements, simulation, errors, inputs."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from msnn.simulation.simulate import Simulation
 from msnn.validation.statistics.metrics import Errors, score
 
 _EXACT = 400_000
-"""Numbers that are kept as they are: 2.1 MB of the page."""
+"""Maximum number of values stored exactly: 2.1 MB of the page."""
 _REST = 90_000
-"""Numbers of records that are thinned: half a megabyte."""
+"""Maximum number of thinned values: half a megabyte."""
 _POINTS = 1_200
-"""Of each series of a thinned record, where there is room."""
+"""Maximum points per series of a thinned recording."""
 _FEWEST = 60
 _MOST_RECORDS = 200
 _SHARE = 0.01
-"""Of the rmse, by which rounding may move an error that is drawn: less than the line is wide."""
+"""Maximum rounding error relative to the RMSE, less than the width of a line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """The data that the page draws, and those that it leaves out."""
+    """The drawn recordings, and texts about omitted ones."""
 
     shown: list[Plain]
     left_out: list[str]
@@ -38,7 +38,7 @@ class Records:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ports:
-    """The signals of a record that the running model reads, and samples before and after a run."""
+    """The signals that the live model reads, and the samples needed before and after a run."""
 
     back: int
     ahead: int
@@ -52,10 +52,10 @@ def records(
     ports: Ports,
     linear: frozenset[str] = frozenset(),
 ) -> Records:
-    """Every run, those of the test set first; as many as there is room for, in full first.
+    """The runs in order, test set first, as many as fit; the first ones without thinning.
 
-    `program` is the model's, in window form; an input that an output predicts is fed back, and not
-    drawn as one. Inputs but the `linear` ones are held from sample to sample.
+    `program` is the model's, in window form; a predicted input is fed back and not drawn as input.
+    Inputs are held between samples, except for the `linear` ones.
     """
     ordered = shown_first(runs)
     outputs = output_channels(program)
@@ -99,13 +99,13 @@ def _left_out(records: int, program: Program) -> list[str]:
 
 
 def _open(program: Program) -> list[Signal]:
-    """The inputs that a simulation reads from the record."""
+    """The inputs that a simulation reads from the recording."""
     predicted = {o.predicts.signal for o in program.outputs if o.predicts is not None}
     return [s for s in program.signals if s.role is Role.INPUT and s.name not in predicted]
 
 
 def _signals(program: Program, data: Dataset, ports: frozenset[str]) -> list[DrawnNumber]:
-    """Elements of all that is read from the record, and of what outputs predict."""
+    """Elements of signals read from the recording, and of predicted signals."""
     predicted = {o.predicts.signal for o in program.outputs if o.predicts is not None}
     wanted = [s for s in program.signals if s.name in data.series]
     wanted = [s for s in wanted if s.role is Role.INPUT or s.name in predicted | ports]
@@ -172,7 +172,7 @@ def _record(
 
 
 def _places(run: Simulation) -> Plain:
-    """Seconds, or rows; evenly spaced ones need two numbers."""
+    """Times in seconds, or rows; two numbers if they are evenly spaced."""
     along = run.places.along(timed=True)
     if len(along) < 2:
         return {"start": float(along[0]), "step": 1.0}
@@ -216,7 +216,7 @@ def _output(
 def _measured(
     run: Simulation, data: Dataset, channel: DrawnNumber, measured: FloatArray, block: int, t0: int
 ) -> Plain:
-    """The signal that is kept anyway, some samples ahead, or its own numbers."""
+    """A reference to a stored signal with its shift in samples, or the values themselves."""
     assert channel.predicts is not None
     name, ahead = channel.predicts
     series_of = channel.of(data.series[channel.predicted_source])

@@ -1,4 +1,4 @@
-"""Fills the tables of the page: measurements, parameters, records, signals, memory."""
+"""Fills the tables of the page: measurements, parameters, recordings, signals, memory."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PageRow:
 
 @dataclass(frozen=True, slots=True)
 class PageTable:
-    """A table with its caption; columns whose indices are in `numbers` end at the right."""
+    """A table with its caption; columns in `numbers` are right-aligned."""
 
     caption: str
     header: tuple[str, ...]
@@ -44,12 +44,12 @@ class PageTable:
 
 
 def short(value: float | None, digits: int = 5) -> str:
-    """A number for people; a dash for none."""
+    """A formatted number; a dash for None."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
 
 
 def limits_table(rows: Sequence[MetricRow]) -> PageTable:
-    """The metrics that the spec asks for, with their limits."""
+    """The metrics of the spec with their limits."""
     verdicts = {True: "kept", False: "broken", None: ""}
     return PageTable(
         "What the spec asks",
@@ -75,7 +75,7 @@ def limits_table(rows: Sequence[MetricRow]) -> PageTable:
 
 
 def measurements_table(measurements: Sequence[Measurement]) -> PageTable:
-    """Every metric of each output and way to simulate it."""
+    """Every metric of each output and kind of simulation."""
     metrics = ("fit", "rmse", "mae", "max_abs", "r2")
     return PageTable(
         "Every metric",
@@ -157,7 +157,7 @@ def _listed(values: Sequence[float | None], errors: Sequence[float | None] | Non
 
 
 def data_tables(program: Program, data: Dataset) -> Iterator[PageTable]:
-    """Records by set, and what each signal was."""
+    """Recordings by set, and statistics of each signal."""
     sets = [*data.sets, *(["no set"] if (data.set_of_row == UNASSIGNED).any() else [])]
     rows = tuple(
         PageRow((name, str(records), str(count), _duration(program, count)))
@@ -205,7 +205,7 @@ def _duration(program: Program, rows: int) -> str:
 
 
 def c_table(memory: Mapping[str, int], cost: Cost | None) -> PageTable:
-    """Bytes of the C, and what a step costs where that was counted."""
+    """Bytes of the C code, and the cost of a step if measured."""
     rows = [PageRow((what, str(size), "bytes")) for what, size in memory.items()]
     if cost is not None:
         core = f" ({cost.core})"
@@ -218,7 +218,7 @@ def c_table(memory: Mapping[str, int], cost: Cost | None) -> PageTable:
 
 
 def verification_table(found: Mapping[str, Any]) -> PageTable:
-    """The checks that `msnn verify --format json` has made."""
+    """The checks of `msnn verify --format json`."""
     rows = tuple(
         PageRow(
             (

@@ -1,4 +1,4 @@
-"""Compiles the C of an export to WebAssembly, with the harness by which a page runs it."""
+"""Compiles the C code of an export and its page harness to WebAssembly."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _FLAGS = (
     "-Wl,--no-entry",
 )
 _ROOM = 4096
-"""Bytes for what is said after the golden steps."""
+"""Bytes for messages after the golden steps."""
 
 
 def web_assembly(model: ExportedC, folder: Path) -> bytes:
-    """The module; `folder` takes the harness and what the compiler makes.
+    """The WebAssembly module; `folder` receives the harness and intermediate files.
 
     The flags are those of the boards: no library, no fused operations. Raises MissingExtraError
-    without zig, CompilerFailedError where it rejects the C, which then calls a C library.
+    without zig, and CompilerFailedError if the C code needs a library.
     """
     ZIGLANG.require("compiles the model of a report to WebAssembly")
     zig = zig_program()

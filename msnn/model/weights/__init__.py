@@ -1,1 +1,1 @@
-"""Reads, checks and keeps weights."""
+"""Reads, checks and saves weights."""

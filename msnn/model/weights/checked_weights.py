@@ -16,13 +16,13 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 _ROUNDING = float(np.finfo(np.float32).eps)
 
 GIVEN = "the given mapping of weights"
-"""What messages call weights that are no file."""
+"""Origin of weights in messages if they are not from a file."""
 
 
 def checked_weights(
     program: Program, arrays: Mapping[str, NDArray[Any]], origin: str
 ) -> dict[str, FloatArray]:
-    """The arrays of all parameters; SpecError with all that is wrong. `origin` names them."""
+    """The arrays of all parameters; SpecError with all errors. `origin` names them in messages."""
     faults: list[Diagnostic] = []
     known = [parameter.name for parameter in program.parameters]
     unknown = [name for name in arrays if name not in known]
@@ -59,7 +59,7 @@ def checked_weights(
 
 
 def _outside(parameter: Parameter, array: FloatArray | None) -> float | None:
-    """The value that is furthest outside the bounds of its parameter; None where none is."""
+    """The value that is furthest outside the bounds of its parameter; None if all are inside."""
     low = -np.inf if parameter.minimum is None else parameter.minimum
     high = np.inf if parameter.maximum is None else parameter.maximum
     if array is None or not array.size or not np.all(np.isfinite(array)):

@@ -1,4 +1,4 @@
-"""Keeps the covariance of learned numbers beside the weights that it belongs to."""
+"""Saves the covariance of the learned parameters next to their weights."""
 
 from __future__ import annotations
 
@@ -25,19 +25,21 @@ _VALUE = "value of "
 
 @dataclass(frozen=True, slots=True)
 class Covariance:
-    """The covariance of the numbers that a training has learned, in the units of the parameters."""
+    """The covariance of the parameters that a training has learned, in their units."""
 
     values: Mapping[str, FloatArray]
-    """The parameters that it is of, as they were estimated: it belongs to these values alone."""
+    """The estimated values of the parameters; the covariance is valid for these values only."""
     matrix: FloatArray
-    """Rows and columns: all numbers of `values`, one parameter after the other. 0 for a number that
-    is held at a bound or at 0, and in directions that no residual depends on."""
+    """Rows and columns: all elements of `values`, one parameter after the other.
+
+    It is 0 for an element at a bound or set to 0 by a penalty, and in unidentifiable directions.
+    """
 
     @classmethod
     def sorted_by_name(
         cls, names: Sequence[str], weights: Mapping[str, FloatArray], matrix: FloatArray
     ) -> Covariance:
-        """Sorts the rows and columns of a matrix over the numbers of `names` by name."""
+        """Builds the covariance from a matrix over the elements of `names`, sorted by name."""
         places = _places(names, weights)
         # as safetensors sorts its arrays: rows are found again by the order of the file
         order = sorted(names)
@@ -56,12 +58,12 @@ class Covariance:
 
     @property
     def free(self) -> int:
-        """The count of numbers that were free to move."""
+        """The number of elements that were free to change."""
         # a number that is held has a row of zeros
         return int(np.count_nonzero(np.diagonal(self.matrix)))
 
     def belongs_to(self, weights: Mapping[str, FloatArray]) -> bool:
-        """Whether these weights are what it was estimated at."""
+        """True if the covariance was estimated at these weights."""
         return all(
             name in weights and np.array_equal(weights[name], value)
             for name, value in self.values.items()
@@ -69,7 +71,7 @@ class Covariance:
 
 
 def _places(names: Sequence[str], weights: Mapping[str, FloatArray]) -> dict[str, IntArray]:
-    """The places of the numbers of each parameter, one parameter after the other."""
+    """The indices of each parameter's elements in the concatenation of all parameters."""
     ends = np.cumsum([weights[name].size for name in names])
     return {
         name: np.arange(end - weights[name].size, end)
@@ -85,7 +87,7 @@ def write_covariance(path: Path, found: Covariance) -> Path:
 
 
 def read_covariance(weights_file: Path, weights: Mapping[str, FloatArray]) -> Covariance:
-    """The covariance beside a weights file. Raises SpecError where there is none of its values."""
+    """The covariance next to a weights file. Raises SpecError if there is none for its values."""
     path = weights_file.with_name(COVARIANCE)
     try:
         refuse_endless(path)

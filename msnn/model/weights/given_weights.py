@@ -1,4 +1,4 @@
-"""Takes weights in every form in which somebody gives them, and checks them against the model."""
+"""Converts weights from every accepted form, and checks them against the model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 @runtime_checkable
 class TensorLike(Protocol):
-    """A tensor of torch, which need not be installed."""
+    """A torch tensor; torch need not be installed."""
 
     def detach(self) -> Any: ...
 
@@ -86,7 +86,7 @@ def weights_path(given: str | Path) -> Path:
 
 
 def _array(value: Value) -> NDArray[Any]:
-    """A value as an array; whole numbers such as 15 are as good as 15.0."""
+    """A value as array; integers such as 15 are accepted."""
     if isinstance(value, TensorLike):
         tensor = value.detach().cpu()
         # numpy has no bfloat16

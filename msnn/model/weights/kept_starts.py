@@ -1,4 +1,4 @@
-"""Keeps where the recordings of a training start, beside the weights with which they were found."""
+"""Saves the initial states of the training recordings next to the weights."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ _RUN, _WEIGHTS = "record and row", "weights"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptStarts:
-    """The starts of runs, and by which rows of which recordings they are found again."""
+    """The initial states of runs, with keys that identify their recordings and rows."""
 
     recorded: Mapping[str, IntArray]
-    """A number for the values of each signal in every recording."""
+    """A hash of the values of each signal in every recording."""
     run: IntArray
-    """(runs, 2): the recording, and the row of it at which the run begins."""
+    """(runs, 2): index of the recording, and the row in it at which the run begins."""
     values: Mapping[str, FloatArray]
-    """(runs, *shape) of each state."""
+    """(runs, *shape) per state."""
     weights: int
-    """A number for the weights that they belong to."""
+    """A hash of the weights to which they belong."""
 
     @classmethod
     def of(
@@ -45,7 +45,7 @@ class KeptStarts:
         values: Mapping[str, FloatArray],
         weights: Mapping[str, FloatArray],
     ) -> KeptStarts:
-        """The starts of runs from rows t0, which depend on these signals."""
+        """The initial states of runs from rows t0; they depend on these signals."""
         record, row = _places(data, t0)
         recorded = {
             name: np.array([_number(data, name, one) for one in data.records], np.int64)
@@ -59,11 +59,11 @@ class KeptStarts:
         )
 
     def is_of(self, shapes: Mapping[str, tuple[int, ...]]) -> bool:
-        """Whether these are starts of states with these shapes."""
+        """True if these are initial values of states with these shapes."""
         return shapes == {name: one.shape[1:] for name, one in self.values.items()}
 
     def at(self, data: Dataset, t0: IntArray) -> tuple[BoolArray, Mapping[str, FloatArray]]:
-        """Which of the runs from rows t0 are among these, and where those start."""
+        """Mask of the runs from rows t0 with saved initial states, and their values."""
         record, row = _places(data, t0)
         same = self._same_recordings(data, np.unique(record))
         known = {(int(r), int(k)): place for place, (r, k) in enumerate(self.run)}
@@ -77,7 +77,7 @@ class KeptStarts:
         return place >= 0, {name: values[place] for name, values in self.values.items()}
 
     def _same_recordings(self, data: Dataset, records: IntArray) -> dict[int, int]:
-        """The recording of the training that each of these is, in which every value is the same."""
+        """Maps recordings to the training recording with identical values."""
         if not all(name in data.series for name in self.recorded):
             return {}
         names = sorted(self.recorded)
@@ -91,14 +91,14 @@ class KeptStarts:
 
 
 def _places(data: Dataset, t0: IntArray) -> tuple[IntArray, IntArray]:
-    """The record of each row, and the row of it."""
+    """The recording of each row, and the row within it."""
     begins = np.array([record.start for record in data.records], np.int64)
     record = np.searchsorted(begins, t0, side="right") - 1
     return record, t0 - begins[record]
 
 
 def _number(data: Dataset, signal: str, record: Record) -> int:
-    """A number for the values of a signal in a recording: the beginning of their SHA-256."""
+    """A hash of a signal's values in a recording: the first bytes of their SHA-256."""
     hashed = hashlib.sha256()
     # in parts: series on disk may have more rows than memory
     for begin in range(record.start, record.stop, AT_ONCE):
@@ -120,7 +120,7 @@ def _first(digest: bytes) -> int:
 
 
 def write_starts(path: Path, found: KeptStarts) -> Path:
-    """Writes them as a safetensors file."""
+    """Writes the initial states as a safetensors file."""
     arrays = {_RUN: found.run, _WEIGHTS: np.array([found.weights], np.int64)}
     arrays |= {f"{_SIGNAL}{name}": one for name, one in found.recorded.items()}
     starts = {f"{_START}{name}": np.asarray(one, float) for name, one in found.values.items()}
@@ -149,7 +149,7 @@ def known_starts(weights: Weights | None, known: Mapping[str, FloatArray]) -> Ke
 
 
 def _read(path: Path) -> KeptStarts | None:
-    """What a file keeps; None where there is none, or one that was damaged."""
+    """The contents of a file; None if it is missing or damaged."""
     try:
         refuse_endless(path)
         arrays = arrays_in(path.read_bytes())

@@ -1,4 +1,4 @@
-"""Finds how uncertain weights are, in every form in which somebody gives weights."""
+"""Finds the covariance of weights, for every accepted form of weights."""
 
 from __future__ import annotations
 

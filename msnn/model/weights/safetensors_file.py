@@ -1,4 +1,4 @@
-"""Reads the arrays of a safetensors file, which may come from anywhere."""
+"""Reads the arrays of an untrusted safetensors file."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any, cast
 from numpy.typing import NDArray
 
 _HEADER_STARTS = 8
-"""Bytes of the header's length, little-endian; the header is JSON."""
+"""Size in bytes of the little-endian header length; the header is JSON."""
 
 
 class WeightsFault(Exception):  # noqa: N818  (the reason that a message gives)
-    """Bytes that are no weights, with the reason in words."""
+    """The bytes are not a weights file; the text gives the reason."""
 
 
 def arrays_in(content: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays by name. Raises WeightsFault with what is wrong with the bytes."""
+    """The arrays by name. Raises WeightsFault with the error in the bytes."""
     # only here: most commands read no weights
     from safetensors import SafetensorError
     from safetensors.numpy import load
@@ -29,7 +29,7 @@ def arrays_in(content: bytes) -> dict[str, NDArray[Any]]:
 
 
 def _fault(content: bytes) -> str:
-    """What is wrong with bytes that cannot be read; the format: huggingface.co/docs/safetensors."""
+    """The error in unreadable bytes; format: huggingface.co/docs/safetensors."""
     if not content:
         return "it is empty"
     if content.startswith(b"version https://git-lfs"):

@@ -1,4 +1,4 @@
-"""Keeps weights on disk: a safetensors file with every parameter's physical float64 array."""
+"""Saves weights to disk: a safetensors file with each parameter's physical float64 array."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def write_weights(
 
 
 def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
-    """The weights of a program in a file. Raises SpecError with all that is wrong (rule R12)."""
+    """The weights of a program in a file. Raises SpecError with all errors (rule R12)."""
     shown = str(path)
     try:
         refuse_endless(path)

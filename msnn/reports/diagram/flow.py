@@ -1,4 +1,4 @@
-"""Chooses what an architecture diagram shows of a spec: boxes, wires, feedback."""
+"""Selects the contents of an architecture diagram: boxes, wires, feedback."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SHOWN: tuple[Kind, ...] = ("inputs", "states", "layers", "equations", "outputs")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """A part that is drawn; the parameters it uses stand in it."""
+    """A part of the diagram, with the parameters it uses."""
 
     name: str
     kind: Kind
@@ -35,20 +35,20 @@ class Wire:
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Boxes in the order of the spec; wires that go forward, without a circle, and those back."""
+    """Boxes in the order of the spec; acyclic forward wires, and feedback wires."""
 
     boxes: tuple[Box, ...]
     forward: tuple[Wire, ...]
     back: tuple[Wire, ...]
-    """Into states, whose value at the next sample they make, and into inputs that are predicted."""
+    """Wires into states, which define their next value, and into predicted inputs."""
 
 
 def flow_of(spec: Spec) -> Flow:
-    """The boxes and wires of a spec; losses and targets are left out.
+    """The boxes and wires of a spec, without losses and targets.
 
-    What a layer is called with goes into the layer, and the layer into what calls it. A wire into
-    a state is feedback unless it comes from an input. What still runs in a circle (a layer that is
-    called twice may) is feedback too, where it closes the circle.
+    Arguments of a layer are wired to the layer, and the layer to its caller. A wire into a state is
+    feedback unless it comes from an input. Remaining cycles, e.g. of a layer with two calls, are
+    broken by a feedback wire.
     """
     found = parts_of(spec)
     kinds: dict[str, Kind] = {part.name: part.kind for part in found.parts}
@@ -80,7 +80,7 @@ def flow_of(spec: Spec) -> Flow:
 
 
 def _wires(spec: Spec, value: Any, target: str) -> Iterator[Wire]:
-    """From what formulas name, by way of the layers that they call, to what they define."""
+    """Wires from the names in formulas, via the layers they call, to the defined item."""
     # counted: a name inside a call may stand outside of it once more, and is a wire of its own then
     outside = Counter(names_in(value))
     for call in _layer_calls(spec, value):
@@ -104,7 +104,7 @@ def _wires(spec: Spec, value: Any, target: str) -> Iterator[Wire]:
 
 
 def _layer_calls(spec: Spec, value: Any) -> list[Call]:
-    """The calls of layers that stand in no other call of a layer."""
+    """The outermost calls of layers."""
     found: list[Call] = []
     inner: set[int] = set()
     for call in calls_in(value):
@@ -125,7 +125,7 @@ def _feeds_back(wire: Wire, kinds: Mapping[str, Kind]) -> bool:
 
 
 def _without_circles(boxes: Iterable[Box], wires: Iterable[Wire]) -> tuple[list[Wire], list[Wire]]:
-    """The wires that can all go one way, and those that would close a circle."""
+    """An acyclic set of wires, and the wires that would close a cycle."""
     following: dict[str, list[str]] = {}
     forward: list[Wire] = []
     circular: list[Wire] = []

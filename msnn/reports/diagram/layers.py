@@ -1,7 +1,6 @@
-"""Places boxes in layers from left to right, as Sugiyama, Tagawa and Toda (1981) do.
+"""Arranges boxes in layers from left to right (Sugiyama, Tagawa and Toda, 1981).
 
-Every box stands right of all that feeds it. A wire that crosses a layer bends there around the
-boxes, at a place of its own.
+Every box is to the right of its inputs. A wire that crosses a layer is routed around its boxes.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ class Size:
 
 @dataclass(frozen=True, slots=True)
 class BoxPlace:
-    """The left upper corner of a box, and its size."""
+    """The upper left corner of a box, and its size."""
 
     x: float
     y: float
@@ -45,17 +44,17 @@ class BoxPlace:
 
 @dataclass(frozen=True, slots=True)
 class DiagramLayout:
-    """The places of boxes, the points of wires, and the size of all of it."""
+    """Positions of boxes, points of wires, and the total size."""
 
     places: Mapping[str, BoxPlace]
     paths: Mapping[Wire, tuple[tuple[float, float], ...]]
-    """The bends of a forward wire: left and right end of each layer that it crosses."""
+    """The bends of a forward wire: left and right end in each crossed layer."""
     width: float
     height: float
 
 
 def laid_out(flow: Flow, sizes: Mapping[str, Size]) -> DiagramLayout:
-    """The layout of the forward wires; those that feed back do not move boxes."""
+    """The layout of boxes and forward wires; feedback wires do not affect it."""
     # the steps of the method: layers, bends of long wires, order in each layer, places
     layer_of = _layers(flow)
     layers: list[list[Key]] = [[] for _ in range(max(layer_of.values(), default=0) + 1)]
@@ -81,9 +80,9 @@ def laid_out(flow: Flow, sizes: Mapping[str, Size]) -> DiagramLayout:
 
 
 def _layers(flow: Flow) -> dict[str, int]:
-    """The longest way to each box; inputs and states that nothing feeds begin.
+    """The layer of each box, by its longest path; inputs and states without wires are first.
 
-    What feeds only boxes far to the right moves there, outputs stand in the last layer.
+    A box that only feeds distant layers moves towards them. Outputs are in the last layer.
     """
     sources: dict[str, list[str]] = {box.name: [] for box in flow.boxes}
     targets: dict[str, list[str]] = {box.name: [] for box in flow.boxes}
@@ -107,7 +106,9 @@ def _layers(flow: Flow) -> dict[str, int]:
 def _order(
     layers: list[list[Key]], before: Mapping[Key, list[Key]], after: Mapping[Key, list[Key]]
 ) -> None:
-    """Orders each layer by the mean place of neighbours; keeps the order of fewest crossings."""
+    """Orders each layer by the mean position of neighbours; keeps the order with fewest
+    crossings.
+    """
     best = [list(layer) for layer in layers]
     least = _crossings(layers, after)
     for sweep in range(_SWEEPS):
@@ -129,7 +130,7 @@ def _order(
 def _by_mean(
     layer: Sequence[Key], beside: Sequence[Key], neighbours: Mapping[Key, list[Key]]
 ) -> list[Key]:
-    """The layer by the mean place of what each is joined to; what is joined to nothing stays."""
+    """The layer sorted by the mean position of neighbours; unconnected boxes stay."""
     place = {key: index for index, key in enumerate(beside)}
     means: dict[Key, float] = {}
     for index, key in enumerate(layer):
@@ -170,7 +171,7 @@ def _tops(
     before: Mapping[Key, list[Key]],
     after: Mapping[Key, list[Key]],
 ) -> dict[Key, float]:
-    """The upper edge of each: near the middle of its neighbours, in order, without overlap."""
+    """The upper edge of each box: near the middle of its neighbours, in order, without overlap."""
     tops: dict[Key, float] = {}
     for layer in layers:
         y = 0.0
@@ -201,7 +202,7 @@ def _gap(key: Key) -> float:
 def _apart(
     layer: Sequence[Key], wanted: Sequence[float], heights: Mapping[Key, float]
 ) -> dict[Key, float]:
-    """The places nearest to those wanted, in this order and with gaps (pool adjacent violators)."""
+    """The positions nearest to the desired ones, in order with gaps (pool adjacent violators)."""
     offsets: list[float] = []
     total = 0.0
     for key in layer:

@@ -1,4 +1,4 @@
-"""Draws a spec as a graph of its signals, layers, equations, states and outputs, for Mermaid."""
+"""Draws a spec as Mermaid graph of its signals, layers, equations, states and outputs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SHAPES: dict[Kind, tuple[str, str]] = {
 
 
 def mermaid_text(spec: Spec) -> str:
-    """A flowchart: an arrow from everything that a formula names to what the formula defines.
+    """A flowchart with an arrow from every name in a formula to the item that it defines.
 
     A dotted arrow leads from an output to the signal that it predicts.
     """
@@ -42,7 +42,7 @@ def _label(part: Part) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Entities for what Mermaid or HTML would take for their own."""
+    """Escapes characters with a special meaning in Mermaid or HTML."""
     # what text is safe is listed, not what is not: quotes, brackets and `#` differ by Mermaid's
     # version
     return "".join(c if c.isalnum() or c in " _:." else f"#{ord(c)};" for c in text)

@@ -1,4 +1,4 @@
-"""Lists what a spec is made of, and which part uses which."""
+"""Lists the parts of a spec, and their dependencies."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class Part:
     name: str
     kind: Kind
     about: str
-    """Its unit, or what kind of layer it is; may be empty."""
+    """Its unit, or the kind of layer; may be empty."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """One part is named by the formula of another, or is predicted by it."""
+    """A dependency: the formula of `target` uses `source`, or `source` predicts `target`."""
 
     source: str
     target: str
@@ -46,16 +46,17 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """All of them, in the order of the spec."""
+    """All parts, in the order of the spec."""
 
     parts: tuple[Part, ...]
     arrows: tuple[Arrow, ...]
 
 
 def parts_of(spec: Spec) -> Parts:
-    """An arrow from everything that a formula names to what the formula defines.
+    """An arrow from every name in a formula to the item that it defines.
 
-    An output also leads to the signal that it predicts. A state that names itself has no arrow.
+    An output also has an arrow to the signal that it predicts. A state that uses itself has no
+    arrow.
     """
     kinds: dict[str, Kind] = {name: kind for kind in KINDS for name in getattr(spec, kind)}
     arrows: list[Arrow] = []
@@ -83,7 +84,7 @@ def _about(spec: Spec, kind: Kind, name: str) -> str:
 
 
 def formulas_of(spec: Spec, kind: Kind, name: str) -> Any:
-    """The computed parts of an entry; none of a signal."""
+    """The expressions of an entry; none for a signal."""
     entry: Entry = getattr(spec, kind)[name]
     if kind in ("inputs", "targets"):
         return ()
@@ -92,7 +93,7 @@ def formulas_of(spec: Spec, kind: Kind, name: str) -> Any:
 
 
 def _used_by(spec: Spec, kind: Kind, name: str) -> Iterator[str]:
-    """Every name that the formulas of an entry use; a function stands for what its formula uses."""
+    """Every name in the formulas of an entry; functions are replaced by the names they use."""
     # a stack, reversed: names come out as the formula has them, those of a function in its place
     waiting = list(names_in(formulas_of(spec, kind, name)))[::-1]
     while waiting:

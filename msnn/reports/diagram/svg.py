@@ -1,4 +1,4 @@
-"""Draws the architecture of a spec as SVG: no program, no font and no script needed."""
+"""Draws the architecture of a spec as SVG, without further programs, fonts or scripts."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _STYLE = Path(templates.__path__[0]) / "report" / "diagram.css"
 _MARGIN, _LANE = 16.0, 14.0
 _LINE, _PADDING = 16.0, 11.0
 _LETTER = 7.4
-"""Width of a letter, rather more than fonts of 13 px have on average."""
+"""Width of a letter in px, slightly above the average of 13 px fonts."""
 # all of it stands in the <title>, which browsers show when one points at the box
 _MOST_LETTERS = 30
 _LEAST_WIDTH = 66.0
 
 
 def architecture_svg(spec: Spec, *, styled: bool = True) -> str:
-    """Inputs left, outputs right, what is remembered fed back below.
+    """Inputs on the left, outputs on the right, feedback of states below.
 
-    With `styled` it stands alone, in light and dark; without, the page has the classes.
+    With `styled` the SVG has its own light and dark style; otherwise the page defines the classes.
     """
     flow = flow_of(spec)
     sizes = {box.name: _size(box) for box in flow.boxes}
@@ -57,7 +57,7 @@ def _summary(flow: Flow) -> str:
 
 
 def _texts(box: Box) -> tuple[str, str, str]:
-    """The texts of a box: its name, its kind, the parameters it uses."""
+    """The texts of a box: its name, its kind, its parameters."""
     uses = ", ".join(box.uses)
     return _short(box.name), _short(box.about), _short(uses)
 
@@ -122,7 +122,7 @@ def _forward(flow: Flow, layout: DiagramLayout) -> Iterator[str]:
 
 
 def _lanes(flow: Flow, layout: DiagramLayout) -> dict[str, list[Wire]]:
-    """The wires into each box that is fed back, one lane below for each."""
+    """The feedback wires into each box, one lane per box below the diagram."""
     found: dict[str, list[Wire]] = {}
     for wire in flow.back:
         found.setdefault(wire.target, []).append(wire)
@@ -131,7 +131,7 @@ def _lanes(flow: Flow, layout: DiagramLayout) -> dict[str, list[Wire]]:
 
 
 def _back(lanes: dict[str, list[Wire]], layout: DiagramLayout) -> Iterator[str]:
-    """From the right end of what feeds back, below all boxes, to the left end of what it feeds."""
+    """Feedback paths: from the source's right end, below all boxes, to the target's left end."""
     for number, (name, wires) in enumerate(lanes.items()):
         lane = layout.height + _LANE * (number + 1)
         target = layout.places[name]

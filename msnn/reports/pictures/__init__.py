@@ -1,1 +1,1 @@
-"""Draws simulations, validations and runs with matplotlib, for files and papers."""
+"""Draws simulations, validations and runs with matplotlib."""

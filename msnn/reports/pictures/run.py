@@ -1,4 +1,4 @@
-"""Draws a run: its losses over epochs, and the functions that it has learned."""
+"""Draws a run: its losses over epochs, and its learned functions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from msnn.training.records.progress import EpochEnd
 def plot_run(
     path: Path, stages: Sequence[Sequence[EpochEnd]], functions: Sequence[LearnedFunction]
 ) -> Path:
-    """Draws loss and monitor of every stage that has begun, then two functions a row."""
+    """Draws loss and monitor of every stage that has begun, then two functions per row."""
     left_out, functions = functions[MOST_FUNCTIONS:], functions[:MOST_FUNCTIONS]
     rows = len(stages) + (len(functions) + 1) // 2
     figure = plotting.new_figure(rows)

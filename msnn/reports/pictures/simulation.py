@@ -1,4 +1,4 @@
-"""Draws free runs: measured under simulated, errors, inputs, and what errors correlate with."""
+"""Draws simulations: measured and simulated values, errors, inputs, correlation of errors."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _MOST_RUNS = 3
 _MOST_OUTPUTS = 4
 _MOST_INPUTS = 4
 _LETTERS = 15
-"""Of small print in an inch."""
+"""Characters of small print per inch."""
 _LEGEND_HEIGHT = 20.0
-"""Points from an axis to what stands over its legend."""
+"""Points between an axis and the text above its legend."""
 
 
 def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
-    """Draws a column a run, those of the test set first, and writes it as its name ends.
+    """Draws one column per run, test set first; the suffix of `path` selects the format.
 
-    For each output: what was measured under what was simulated with its fit and rmse, declared
-    ranges dashed, prediction intervals shaded; the error; what was read of the inputs; and the
-    correlation of the errors with themselves in the band of noise. What has no room is told.
+    Each output has its measurements and simulation with fit and RMSE, dashed range limits, shaded
+    prediction intervals, and its error. Below are the inputs, and the autocorrelation of errors
+    with the band of noise. Omitted contents are named.
     """
     shown = shown_first(runs)[:_MOST_RUNS]
     every_output, every_input = output_channels(program), _inputs(program, shown)
@@ -74,7 +74,7 @@ def _inputs(program: Program, shown: Sequence[Simulation]) -> list[DrawnNumber]:
 def _left_out(
     runs: int, program: Program, outputs: int, inputs: int, shown: Sequence[Simulation]
 ) -> list[str]:
-    """The runs and numbers that the picture has no room for."""
+    """Texts about omitted runs and elements."""
     every = sum(program.step[output.node].type.size for output in program.outputs)
     read = sum(values[0].size for run in shown[:1] for values in run.inputs.values())
     missing = [
@@ -86,7 +86,7 @@ def _left_out(
 
 
 def _far_limits(shown: Sequence[Simulation], drawn: Sequence[DrawnNumber]) -> list[str]:
-    """Ends of declared ranges that no run comes near: beside them curves would be flat lines."""
+    """Range limits that are far from all values; drawing them would flatten the curves."""
     found: list[str] = []
     for channel in drawn:
         texts = [f"{end:g} {channel.unit}".strip() for end in _ends(channel, shown)[1]]
@@ -96,14 +96,14 @@ def _far_limits(shown: Sequence[Simulation], drawn: Sequence[DrawnNumber]) -> li
 
 
 def _with_near_limits(channel: DrawnNumber, shown: Sequence[Simulation]) -> DrawnNumber:
-    """Without the ends of its range that no run comes near, the same ends for all of them."""
+    """The channel without distant range limits, equal for all runs."""
     near = _ends(channel, shown)[0]
     low = channel.low if channel.low in near else None
     return replace(channel, low=low, high=channel.high if channel.high in near else None)
 
 
 def _ends(channel: DrawnNumber, shown: Sequence[Simulation]) -> tuple[list[float], list[float]]:
-    """Ends of the declared range: those near what is drawn of it, and those far from it."""
+    """Limits of the declared range: those near the drawn values, and distant ones."""
     declared = [end for end in (channel.low, channel.high) if end is not None]
     values = np.concatenate([_values(run, channel) for run in shown] or [np.empty(0)])
     known = values[np.isfinite(values)]
@@ -116,7 +116,7 @@ def _ends(channel: DrawnNumber, shown: Sequence[Simulation]) -> tuple[list[float
 
 
 def _values(run: Simulation, channel: DrawnNumber) -> FloatArray:
-    """Everything that is drawn of a number in one run."""
+    """All drawn values of an element in one run."""
     if channel.source in run.inputs:
         return channel.of(run.inputs[channel.source])
     values = channel.of(run.outputs[channel.source])
@@ -223,7 +223,7 @@ def _draw_error(
 
 
 def _draw_correlation(axis: Any, channel: DrawnNumber, found: Correlation | None) -> None:
-    """In the band in which 99 % of those of noise lie."""
+    """Draws a correlation with the band that contains 99 % of the values for noise."""
     if found is None:
         axis.set_axis_off()
         said = f"too few samples to judge the errors of {channel.name}"

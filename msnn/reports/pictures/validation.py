@@ -1,4 +1,4 @@
-"""Draws validations: errors along the scored samples, what they correlate with, how they grow."""
+"""Draws validations: errors along samples, their correlations, and their growth."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _MOST_INPUTS = 3
 
 
 def plot_validation(path: Path, report: ValidationReport) -> Path:
-    """Draws a row a measurement, with its fit and rmse, the limits of the spec told and dashed.
+    """Draws one row per measurement with fit and RMSE; limits of the spec are dashed.
 
-    Without rollouts of several steps there are two columns. Of vector outputs the correlations are
-    those of the first element; what is left out is told. The name's ending says the format, one of
+    There are two columns if all rollouts have one step. For vector outputs, the correlations are
+    those of the first element; omitted contents are named. The suffix selects the format, one of
     FORMATS.
     """
     measurements = report.measurements
@@ -66,7 +66,7 @@ def _limit_text(row: MetricRow) -> str:
 
 
 def _draw_correlations(axis: Any, found: Measurement) -> None:
-    """Draws the errors' correlations with themselves and with each input, in their bands."""
+    """Draws the correlations of errors with themselves and with each input, with bands."""
     first = found.judged.residuals[0]
     if first.itself is None:
         axis.set_axis_off()
@@ -91,7 +91,7 @@ def _draw_correlations(axis: Any, found: Measurement) -> None:
 
 
 def _draw_growth(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> None:
-    """The rmse over the steps of rollouts; the limit is one of the mean over all of them."""
+    """The RMSE over the steps of rollouts; the limit applies to the mean over all steps."""
     curve = found.curve
     if curve is None:
         axis.set_axis_off()

@@ -1,1 +1,1 @@
-"""Trains the trials of a comparison in processes: of this machine, or of a cluster of Ray."""
+"""Trains the trials of a comparison in local processes, or on a Ray cluster."""

@@ -1,4 +1,4 @@
-"""Runs the trials of a comparison in processes of their own, each ready for many."""
+"""Runs the trials of a comparison in separate worker processes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from msnn.training.training_result import TrainingInterruptedError
 
 _INTERRUPTED = 130
 _TIMES = "twice"
-"""That a process is killed before its trial is given up."""
+"""How often a process is killed before its trial is given up, for messages."""
 
 
 def outcomes(
@@ -33,12 +33,11 @@ def outcomes(
     jobs: int,
     modules: Sequence[str] = (),
 ) -> Generator[tuple[Trial, TrialOutcome]]:
-    """Each trial with its outcome, as they end; `jobs` at once, one alone in this process.
+    """Yields each trial with its outcome when it ends; `jobs` in parallel, one in this process.
 
-    Processes have the slow `modules` that most trials need before they begin, where they can.
-    A process that is killed is replaced: its trial goes on from its checkpoint, behind the others
-    of its variant, and is given up when it is killed again. An interrupt ends all of them after the
-    batch that is on.
+    Workers import slow `modules` before they begin, if possible. A killed worker is replaced: its
+    trial continues from its checkpoint after the others of its variant, and is given up when killed
+    again. An interrupt ends all workers after the current batch.
     """
     # no process of its own: a debugger and Ctrl-C work as in `train`
     if jobs == 1:
@@ -61,7 +60,7 @@ def outcomes(
 
 @dataclass(slots=True)
 class _Shared:
-    """The arguments that a worker was given when it began."""
+    """The arguments that a worker received at its start."""
 
     setup: Setup | None = None
     known: Mapping[str, RunLine] | None = None
@@ -74,18 +73,18 @@ _SHARED = _Shared()
 
 @dataclass(slots=True)
 class _Worker:
-    """A process of its own: nothing of this one is in it but what it is given."""
+    """A worker process, which shares nothing with this process except its arguments."""
 
     opened: Callable[[], ProcessPoolExecutor]
     last: Trial | None = None
-    """What it has read for."""
+    """The trial whose data it has loaded."""
     trial: Trial | None = None
-    """What it trains now."""
+    """The current trial."""
     future: Future[TrialOutcome] | None = None
     _pool: ProcessPoolExecutor | None = None
 
     def start(self, trial: Trial) -> None:
-        """Begins a trial, in another process where this one was killed meanwhile."""
+        """Starts a trial, in a new process if the old one was killed."""
         self.trial = self.last = trial
         if self._pool is not None:
             with suppress(BrokenProcessPool):
@@ -95,7 +94,7 @@ class _Worker:
         self.future = self._pool.submit(_in_worker, trial)
 
     def ended(self) -> tuple[Trial, TrialOutcome | None]:
-        """The trial that is over; None where the process was killed."""
+        """The completed trial; outcome None if the process was killed."""
         assert self.trial is not None
         assert self.future is not None
         trial, future = self.trial, self.future
@@ -114,7 +113,7 @@ class _Worker:
 
 
 class _Workers:
-    """So many processes; a Ctrl-C ends all of them."""
+    """The worker processes; a Ctrl-C ends all of them."""
 
     def __init__(
         self, setup: Setup, known: Mapping[str, RunLine], jobs: int, modules: Sequence[str]
@@ -142,21 +141,21 @@ class _Workers:
             worker.close()
 
     def begin(self, waiting: Waiting) -> bool:
-        """Gives work to all that have none; whether anything is being trained then."""
+        """Assigns trials to idle workers; returns True if any trial is running."""
         for worker in self._all:
             if worker.trial is None and (trial := waiting.take(worker.last)) is not None:
                 worker.start(trial)
         return any(worker.trial is not None for worker in self._all)
 
     def ended(self) -> list[tuple[Trial, TrialOutcome | None]]:
-        """Trials that are over, at least one; None where their process was killed."""
+        """At least one completed trial; outcome None if its process was killed."""
         running = {worker.future: worker for worker in self._all if worker.future is not None}
         # whichever ends first: variants take different times
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         return [running[future].ended() for future in done]
 
     def _interrupt(self) -> None:
-        """Asks every worker to end: of a Ctrl-C in a terminal they know, of others they do not."""
+        """Interrupts every worker: a signal to this process alone does not reach them."""
         # before the signals: a worker that takes a trial meanwhile sees it
         self._is_over.set()
         # each worker put its process there when it began
@@ -186,7 +185,7 @@ def _begin(
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """Between trainings there is nothing to keep; a training listens by itself."""
+    """Ends a worker between trainings; a training handles the signal itself."""
     del number, frame
     # no clean-up: the interpreter would wait for threads of the pool
     os._exit(_INTERRUPTED)

@@ -1,4 +1,4 @@
-"""Trains on a node of a Ray cluster what a command sends, and answers with what it leaves."""
+"""Trains trials on a node of a Ray cluster, and returns their files."""
 
 from __future__ import annotations
 
@@ -23,38 +23,38 @@ from msnn.training.records.run_log import RunLine
 from spec_schema.version import __version__
 
 _OPEN_MODELS, _OPEN_DATA = 4, 16
-"""That a process of a node keeps: folds and variants after each other share them."""
+"""Cache sizes of a node's process: successive folds and variants share models and data."""
 
 Files = Mapping[str, bytes]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SentTrial:
-    """A trial as it is sent: what others share with it is named, and lies in the object store."""
+    """A trial to send; shared parts are references to the object store."""
 
     trial: Trial
     line: RunLine
     rows: Any
-    """The reference of the data without their series: which rows are whose."""
+    """Reference to the dataset without series: sets and recordings of its rows."""
     series: Any
     spec_places: Sequence[str]
-    """Where the spec is, seen from the folder that the command will write."""
+    """Paths of the spec relative to the run's folder."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """Trials of a variant that are trained after each other."""
+    """Trials of a variant that are trained one after the other."""
 
     trials: tuple[SentTrial, ...]
     model: Any
-    """The reference of the model before their folds and seeds."""
+    """Reference to the model before applying folds and seeds."""
     spec: str
     setup: Setup
 
 
 @dataclass(frozen=True, slots=True)
 class TaskResult:
-    """The end of a trial on a node, the files that it leaves, and the seconds that it took."""
+    """The outcome of a trial on a node, its files, and its duration in seconds."""
 
     outcome: TrialOutcome
     files: Files
@@ -62,7 +62,7 @@ class TaskResult:
 
 
 def in_task(task: Task) -> list[TaskResult]:
-    """Trains on a node, in a folder of its own; what it leaves is the answer."""
+    """Trains on a node in a temporary folder; returns the created files."""
     load_away_from_folder()
     found = [_trained(task, sent) for sent in task.trials]
     _freeze()
@@ -71,7 +71,7 @@ def in_task(task: Task) -> list[TaskResult]:
 
 @cache
 def _freeze() -> None:
-    """Leaves what a process has imported out of all searches for garbage, once."""
+    """Excludes imported objects from garbage collection, once per process."""
     gc.freeze()
 
 
@@ -109,6 +109,6 @@ _DATA = Latest[Any](_OPEN_DATA)
 
 
 def _opened(reference: Any, kept: Latest[Any]) -> Any:
-    """Fetches from the object store, the same object each time as long as it is kept."""
+    """An object from the object store, cached by reference."""
     # get() would make a new object each time, and the caches of the model with it
     return kept.get(reference.hex(), lambda: import_module("ray").get(reference))

@@ -1,4 +1,4 @@
-"""Runs the trials of a comparison as tasks of a Ray cluster, and keeps here what they leave."""
+"""Runs the trials of a comparison as Ray tasks, and saves their files locally."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.version import __version__
 
 _AHEAD = 3
-"""Tasks for each processor that have begun or wait for it: no node is idle while one is made."""
+"""Tasks per processor that are running or queued, so that no node is idle."""
 _RETRIES, _TIMES = 3, "four times"
-"""After the worker or the node of a task was killed."""
+"""Retries after the worker or the node of a task was killed."""
 _TOGETHER = 2.0
-"""Seconds of trainings of a variant that are one task: to send one takes some milliseconds."""
+"""Seconds of training per task, because sending a task takes some milliseconds."""
 _STORED = 64
-"""Models and data in the object store, of those that were sent last."""
+"""Number of recent models and datasets kept in the object store."""
 
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """A task that is under way, and its trials as they are known here."""
+    """A running task, and its trials."""
 
     task: Task
     ready: tuple[ReadyTrial, ...]
 
     @property
     def each(self) -> list[Running]:
-        """A task for each trial."""
+        """One task per trial."""
         pairs = zip(self.task.trials, self.ready, strict=True)
         return [Running(replace(self.task, trials=(sent,)), (ready,)) for sent, ready in pairs]
 
@@ -59,11 +59,11 @@ class Running:
 def ray_outcomes(
     waiting: Waiting, setup: Setup, known: Mapping[str, RunLine], address: str
 ) -> Generator[tuple[Trial, TrialOutcome]]:
-    """Each trial with its outcome, as they end, trained on the cluster at `address`.
+    """Yields each trial with its outcome when it ends, trained on the cluster at `address`.
 
-    Specs and data are read here, so that nodes need neither; series go into the object store once.
-    A trial whose worker or node is killed begins again on another. What trainings leave comes back
-    and is written below `setup.runs`. Raises SpecError where there is no such cluster.
+    Specs and data are read locally, so nodes need neither; series are sent to the object store
+    once. A trial whose worker or node is killed restarts on another. Files of trainings are written
+    below `setup.runs`. Raises SpecError if there is no such cluster.
     """
     with _Cluster(address, setup) as cluster:
         readings, last = Readings(setup.data, setup.data_root), None
@@ -90,7 +90,7 @@ def ray_outcomes(
 
 @dataclass(slots=True)
 class _Cluster:
-    """A connection to Ray, and the tasks that are under way."""
+    """A connection to Ray, and the running tasks."""
 
     address: str
     setup: Setup
@@ -99,7 +99,7 @@ class _Cluster:
     _task: Any = field(init=False, default=None)
     _cores: int = field(init=False, default=1)
     _seconds: float = field(init=False, default=_TOGETHER)
-    """Of a training, the longest of the task that ended last."""
+    """Duration of the longest training in the last completed task."""
     _running: dict[Any, Running] = field(init=False, default_factory=dict[Any, Running])
     _stored: Latest[tuple[object, Any]] = field(
         init=False, default_factory=lambda: Latest[tuple[object, Any]](_STORED)
@@ -147,12 +147,12 @@ class _Cluster:
         return len(self._running) < self._cores * _AHEAD
 
     def together(self, waiting: int) -> int:
-        """The number of trials in a task: a moment's work, and no processor waits for another."""
+        """The number of trials per task: enough work, but no idle processors."""
         # at the end tasks become small, so that all processors end together
         return max(1, min(int(_TOGETHER / self._seconds), waiting // self._cores))
 
     def start(self, ready: Sequence[ReadyTrial], shared: Model) -> None:
-        """Sends what a node cannot read: the model, which rows are whose, where series are."""
+        """Sends a task: the model, sets and recordings of rows, references to series."""
 
         def bare() -> Model:
             # paths of this machine mean nothing on a node; weights of sub-models are in the program
@@ -183,15 +183,15 @@ class _Cluster:
         )
 
     def _reference(self, value: object, sent: Callable[[], object]) -> Any:
-        """The reference of a value in the object store, where it lies once."""
+        """The reference of a value in the object store, where it is stored once."""
         stored = self._stored.get(id(value), lambda: (value, self._ray.put(sent())))
         return stored[1]  # the value stays, and so does its identity
 
     def ended(self) -> list[tuple[Trial, TrialOutcome]]:
-        """The trials of a task that is over, with their files written here.
+        """The trials of a completed task, with their files written locally.
 
-        None of a task that was killed again and again: its trials begin anew, each by itself, and
-        one that was alone is given up.
+        Empty for a task that was killed repeatedly: its trials restart separately, and a single
+        trial is given up.
         """
         (done,), _ = self._ray.wait(list(self._running), num_returns=1)
         running = self._running.pop(done)

@@ -1,4 +1,4 @@
-"""Hands out the trials of a comparison, in their order or as results ask for more."""
+"""Distributes the trials of a comparison, in order or on request of new proposals."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from msnn.features.comparison.trial import Trial
 from msnn.features.comparison.variants import Variant
 
 Group: TypeAlias = "tuple[Variant, int]"
-"""The folds of a variant and seed, which share what a process has read."""
+"""The folds of a variant and seed, which share loaded data."""
 
 
 def group_of(trial: Trial | None) -> Group | None:
-    """The trials that go to the same process if they can."""
+    """The group of trials that should run in the same process."""
     return None if trial is None else (trial.variant, trial.seed)
 
 
 def nothing_more() -> Sequence[Trial]:
-    """All trials were known from the start."""
+    """No further trials: all were known at the start."""
     return ()
 
 
 class Waiting:
-    """Trials that have not begun; `more` gives others when there are none."""
+    """Trials that have not begun; `more` provides others when there are none."""
 
     def __init__(
         self, trials: Sequence[Trial], more: Callable[[], Sequence[Trial]] = nothing_more
@@ -35,11 +35,11 @@ class Waiting:
         self._add(trials)
 
     def __len__(self) -> int:
-        """The number of trials that are known and have not begun."""
+        """The number of known trials that have not begun."""
         return sum(map(len, self._of.values()))
 
     def take_together(self, last: Trial | None, most: int) -> list[Trial]:
-        """`most` that share what a process reads, or as many as there are; none as of `take`."""
+        """At most `most` trials that share data; empty if `take` returns None."""
         found: list[Trial] = []
         while len(found) < most and (trial := self.take(found[-1] if found else last)) is not None:
             found.append(trial)
@@ -49,9 +49,9 @@ class Waiting:
         return found
 
     def take(self, last: Trial | None) -> Trial | None:
-        """The next one for who had `last`: of the same folds, of none that has begun, or any.
+        """The next trial for a worker that had `last`: of its group, of a new group, or any.
 
-        None where nothing is to do, or nothing before a result is known.
+        None if nothing remains, or if further proposals need a result first.
         """
         if not self._of:
             self._add(self._more())
@@ -70,7 +70,7 @@ class Waiting:
         return found
 
     def put_back(self, trial: Trial) -> None:
-        """One that is to begin again."""
+        """Returns a trial to the queue."""
         self._add((trial,))
 
     def _add(self, trials: Sequence[Trial]) -> None:

@@ -1,1 +1,1 @@
-"""Turns what data show into sentences, with what to write in the spec."""
+"""Formats findings about data as messages with a change of the spec."""

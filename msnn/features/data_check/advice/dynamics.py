@@ -1,4 +1,4 @@
-"""Says what the data show of the system itself, whatever the spec makes of it."""
+"""Reports properties of the system that the data show, independent of the model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FEWEST_ROWS = 30
 
 
 def dynamics_findings(system: CheckedSystem, *, resampled: bool) -> Iterator[Diagnostic]:
-    """Reports inputs that teach little, and targets that answer none of them."""
+    """Reports inputs with weak excitation, and targets without a visible response."""
     for dependence in system.about.dependences:
         terms = [
             f"{factor:.4g} {system.inputs[other].name}" for other, factor in dependence.factors
@@ -39,7 +39,7 @@ def dynamics_findings(system: CheckedSystem, *, resampled: bool) -> Iterator[Dia
 
 
 def highest_frequency(found: Excitation, step: float) -> float:
-    """In Hz, the end of the band with 99 % of the power."""
+    """Upper end in Hz of the band that contains 99 % of the power."""
     return found.highest / step
 
 
@@ -81,7 +81,7 @@ def _target(
 
 
 def _told(system: CheckedSystem, number: int) -> bool:
-    """Whether the input excites enough to tell that nothing answers it."""
+    """True if the excitation suffices to conclude that there is no response."""
     excites = system.about.excitation[number]
     return excites is not None and not excites.weak
 

@@ -1,4 +1,4 @@
-"""Compares what a model reads, samples and trains with what the data say it should."""
+"""Compares windows, sample time and training of a model with the data."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ from msnn.training.plans.stage_plan import plan_stages
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 _FEWEST, _USUAL, _MOST = 5.0, 20.0, 60.0
-"""Rows a time constant: 10 to 30 are usual (Åström and Wittenmark, Computer-Controlled Systems,
-1997, §3.9); half of the one and twice the other are told."""
+"""Samples per time constant: 10 to 30 are usual (Åström and Wittenmark, Computer-Controlled
+Systems, 1997, §3.9).
+
+Values below half of the lower or above twice the upper limit are reported.
+"""
 
 
 def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic]:
-    """Delays, time constants and windows that the spec does not go with."""
+    """Reports delays, sample times and windows of the spec that do not fit the data."""
     for target in system.targets:
         constants = target.found.constants
         if constants is not None and math.isfinite(constants.slowest):
@@ -75,7 +78,7 @@ def _delays(
 def _window(
     model: Model, system: CheckedSystem, target: CheckedTarget, output: Output
 ) -> Iterator[Diagnostic]:
-    """Advises on the window of an output without memory: it must hold the response."""
+    """Advises on the window of an output without memory: it must cover the response."""
     found = target.found.responses
     read = reads(model.program.step, [output.node])
     # what remembers, or reads its own past, needs no window that long
@@ -101,7 +104,7 @@ def _window(
 
 
 def _windows(model: Model) -> list[str]:
-    """The keys of the windows of filters in the spec."""
+    """The keys of filter windows in the spec."""
     return [
         f"layers.{name}.fir.window"
         for name, layer in model.spec.layers.items()
@@ -110,7 +113,7 @@ def _windows(model: Model) -> list[str]:
 
 
 def _horizon(model: Model, targets: Sequence[CheckedTarget]) -> Iterator[Diagnostic]:
-    """Advises on rollouts of models that feed back: they must last as long as a motion."""
+    """Advises on rollouts of models with feedback: they must cover the slowest motion."""
     inputs = {s.name for s in model.program.signals if s.role is Role.INPUT}
     moving = [
         (target.found.constants.slowest, target.channel.name)

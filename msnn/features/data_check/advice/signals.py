@@ -1,4 +1,4 @@
-"""Says of each column what is wrong with it, where, and what to write about it."""
+"""Reports the faults of each column, their place, and a change of the spec."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _COARSE = 0.01
-"""Rounding of so much of a signal's deviation is seen in a `fit` in percent."""
+"""Rounding error relative to the standard deviation that visibly reduces `fit`."""
 _LITTLE = 0.1
-"""Of a declared range: these are declared with room, but who has seen less knows little."""
+"""Fraction of a declared range; data that cover less contain little about the range."""
 
 
 def sampling_findings(
     model: Model, checked: DatasetCheck, *, resampled: bool
 ) -> Iterator[Diagnostic]:
-    """Reports the spacing of rows of every file, where it is not as the spec says."""
+    """Reports uneven sampling of every file, and sample times that differ from the spec."""
     expected = model.program.sample_time
     for found in checked.sampling:
         if found.repeated or found.backward:
@@ -69,7 +69,7 @@ def sampling_findings(
 
 
 def signal_findings(checked: DatasetCheck) -> Iterator[Diagnostic]:
-    """Reports what the values of every column show."""
+    """Reports faults in the values of every column."""
     for one in checked.channels:
         # a column without any value is told once, not by each check
         if one.found.missing == one.found.rows:
@@ -151,7 +151,7 @@ def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
 
 
 def _constant(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
-    """A series that stands still, in all records or in some of several."""
+    """Reports a constant series, in all recordings or in some of several."""
     values = one.channel.values
     still: list[tuple[str, float]] = []
     # a signal may stand still in one record of several

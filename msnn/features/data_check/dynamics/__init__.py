@@ -1,1 +1,1 @@
-"""Finds what columns of a log show together: responses, delays, time constants, excitation."""
+"""Identifies the system from several columns: responses, delays, time constants, excitation."""

@@ -1,4 +1,4 @@
-"""Fits a long linear model of a series in its own past and that of inputs, by least squares."""
+"""Fits a long ARX model of a series and its inputs by least squares."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from msnn.features.data_check.dynamics.pieces import Piece
 
 _AT_ONCE = 4096
 _SMALLEST = 1e-75
-"""Size of a column, relative to 1, whose square still has a reciprocal with room for factors."""
+"""Minimum size of a column relative to 1, so that its square has a finite reciprocal."""
 
 _RIDGE = 1e-7
-"""Of the mean square of a regressor, as if each had noise 70 dB below it: of the many long models
-that fit data without noise it takes a small one; what nothing excites is 0 with a large error."""
+"""Ridge relative to the mean square of a regressor, like noise 70 dB below it.
+
+It selects a small model among the long ones that fit noise-free data equally. Coefficients without
+excitation become 0 with a large standard error.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class ArxOrders:
-    """The past of the output from 1 row back, that of each input from `first` rows back."""
+    """Lags of the output from 1 to `own`, and of each input from `first` to `last`."""
 
     own: int
     last: int
@@ -43,11 +46,11 @@ class Arx:
 
     orders: ArxOrders
     denominator: FloatArray
-    """A, which begins with 1."""
+    """Coefficients of A, beginning with 1."""
     numerators: FloatArray
-    """(inputs, taps): Bⱼ, the first tap `first` rows back."""
+    """(inputs, taps): coefficients of Bⱼ from lag `first`."""
     covariance: FloatArray
-    """Of −a₁ …, then all taps input by input."""
+    """Covariance of −a₁ …, then of all taps, input by input."""
     residual: float
     """Standard deviation of e."""
     rows: int
@@ -58,11 +61,10 @@ class Arx:
 
 
 def fit_arx(pieces: Sequence[Piece], orders: ArxOrders) -> Arx | None:
-    """The model with the least Σ e²; None where there are fewer than two rows per parameter
-    or a column has squares outside the range of doubles.
+    """The least-squares model; None with fewer than two rows per parameter, or after overflow.
 
-    The covariance is s² (XᵀX)⁻¹, right where the orders leave e white. Normal equations are summed
-    over blocks, so memory is that of the numbers.
+    The covariance is s² (XᵀX)⁻¹, which is correct if e is white. Normal equations are summed over
+    blocks, so the memory does not depend on the number of rows.
     """
     inputs = pieces[0].inputs.shape[1] if pieces else 0
     count = orders.own + inputs * orders.taps + 1
@@ -108,7 +110,7 @@ def fit_arx(pieces: Sequence[Piece], orders: ArxOrders) -> Arx | None:
 
 
 def _regressors(piece: Piece, orders: ArxOrders, first: int, stop: int) -> FloatArray:
-    """(stop − first, numbers + 1): past output, past inputs, 1, and the output itself."""
+    """(stop − first, parameters + 1): past outputs, past inputs, 1, and the output itself."""
     rows = stop - first
     columns: list[FloatArray] = []
     if orders.own:

@@ -1,4 +1,4 @@
-"""Looks at how one series answers others: delays, time constants, excitation, feedback."""
+"""Analyses the response of one series to others: delays, time constants, excitation, feedback."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ class TargetCheck:
     """The responses of one series to all inputs; lists are in the order of the inputs."""
 
     rows: int
-    """Rows that were looked at."""
+    """Number of analysed rows."""
     longest: int
-    """Of these, the most that follow each other without gap."""
+    """Length of the longest interval without a gap."""
     responses: Responses | None
     delays: tuple[int | None, ...]
-    """None where no response is visible, or the input excites too little to tell."""
+    """None if no response is visible, or if the excitation is too weak."""
     sharp: tuple[bool, ...]
-    """Whether the response begins with the delay, or only has begun by then."""
+    """True if the response begins at the delay; False if the delay is only an upper limit."""
     constants: TimeConstants | None
     feedback: tuple[float | None, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputsCheck:
-    """The properties of the inputs, apart from what answers them."""
+    """Properties of the inputs themselves."""
 
     excitation: tuple[Excitation | None, ...]
     dependences: tuple[Dependence, ...]
@@ -44,7 +44,7 @@ class InputsCheck:
 def check_inputs(
     inputs: FloatArray, follows: BoolArray, steps: Sequence[float | None]
 ) -> InputsCheck:
-    """Excitation and dependence of (rows, inputs); `steps` are those of their quantisation."""
+    """Excitation and dependence of inputs (rows, inputs); `steps` are their quantisation steps."""
     pieces = pieces_of(np.zeros(len(inputs)), inputs, follows)
     return InputsCheck(
         excitation=tuple(excitation(pieces, i, step) for i, step in enumerate(steps)),
@@ -55,7 +55,7 @@ def check_inputs(
 def check_target(
     target: FloatArray, inputs: FloatArray, follows: BoolArray, about: InputsCheck
 ) -> TargetCheck:
-    """Checks the response of `target` to (rows, inputs)."""
+    """Analyses the response of `target` to inputs (rows, inputs)."""
     count = inputs.shape[1]
     pieces = pieces_of(target, inputs, follows)
     found = responses(pieces) if count and _moves(pieces) else None

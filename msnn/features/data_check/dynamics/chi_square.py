@@ -7,6 +7,8 @@ from statistics import NormalDist
 
 
 def chi_square_quantile(numbers: int, chance: float) -> float:
-    """The value that χ² exceeds with this chance, by Wilson and Hilferty (PNAS 17, 1931)."""
+    """The quantile that χ² exceeds with probability `chance` (Wilson and Hilferty, PNAS 17,
+    1931).
+    """
     part = 2 / (9 * numbers)
     return numbers * (1 - part + NormalDist().inv_cdf(1 - chance) * math.sqrt(part)) ** 3

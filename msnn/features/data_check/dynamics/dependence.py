@@ -11,23 +11,22 @@ from msnn.data.dataset import FloatArray
 from msnn.features.data_check.dynamics.pieces import Piece
 
 LEAST_SHARE = 0.99
-"""Of the variance of an input: beyond it errors of what is learned of it grow tenfold, by
-1/√(1 − R²)."""
+"""Fraction of an input's variance above which standard errors increase tenfold, by 1/√(1 − R²)."""
 _NAMED = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Dependence:
-    """Input `number` = Σ factor · input, to `share` of its variance."""
+    """Input `number` ≈ Σ factor · input, with the coefficient of determination `share`."""
 
     number: int
     share: float
     factors: tuple[tuple[int, float], ...]
-    """The other inputs that take part, in the units of both."""
+    """The other inputs with their factors, in the units of both."""
 
 
 def dependences(pieces: Sequence[Piece]) -> tuple[Dependence, ...]:
-    """The inputs that others determine in the same row; of a group each later one is named."""
+    """The inputs determined by others in the same row; of each group, all but the first."""
     if not pieces:
         return ()
     table = np.concatenate([piece.inputs for piece in pieces])

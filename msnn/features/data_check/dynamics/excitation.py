@@ -1,4 +1,4 @@
-"""Measures what an input can teach: the band of its power, its order of excitation."""
+"""Measures the excitation by an input: the band of its power, and its order."""
 
 from __future__ import annotations
 
@@ -12,44 +12,45 @@ from msnn.features.data_check.dynamics.pieces import Piece
 
 HIGHEST_ORDER = 60
 _LINES = 1024
-"""Rows of one spectrum: resolution against the number of spectra that are averaged."""
+"""Samples per spectrum: a trade-off between resolution and number of averaged spectra."""
 _SHARE = 0.99
 _LEAST_POWER = 1e-4
-"""Of the largest power of a band: 40 dB below it little is learned."""
+"""Minimum power of a band relative to the largest: 40 dB below it, little can be learned."""
 _BANDS = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excitation:
-    """The excitation by an input; frequencies in parts of the sampling rate, 0 … 0.5."""
+    """The excitation by an input; frequencies relative to the sampling rate, 0 … 0.5."""
 
     order: int
-    """Order of persistent excitation, up to `tested`."""
+    """Order of persistent excitation, at most `tested`."""
     tested: int
-    """60, or less where the record is short."""
+    """Maximum tested order: 60, or less for a short recording."""
     frequencies: FloatArray
     power: FloatArray
-    """Spectrum; its sum is the variance."""
+    """Power spectrum; its sum is the variance."""
     lowest: float
     highest: float
-    """Between these lie 99 % of the power."""
+    """`lowest` and `highest` enclose 99 % of the power."""
     covered: float
-    """Share of the bands up to Nyquist that have power."""
+    """Fraction of the bands up to Nyquist with significant power."""
 
     @property
     def weak(self) -> bool:
-        """Whether responses cannot be told from what it excites."""
+        """True if the excitation is too weak to identify responses."""
         return self.order < self.tested
 
 
 def excitation(pieces: Sequence[Piece], number: int, step: float | None) -> Excitation | None:
     """The excitation by input `number`, quantised by `step`. None for fewer than 8 rows.
 
-    An input excites order n where its n×n covariance has full rank (Ljung 1999, §13.2), and a
-    larger covariance has rank n. Rank is counted down to what rounding makes of a matrix that has
-    less: rounding by an instrument adds an error of variance q²/12, whose n×n covariance has no
-    eigenvalue beyond its trace n q²/12, which errors of periodic inputs come near to; that of
-    numbers is n ε λ₁, ten times as much for the sums.
+    An input is persistently exciting of order n if its n×n covariance has full rank (Ljung 1999,
+    §13.2), and a larger covariance has rank n. The rank is determined with a tolerance for rounding
+    errors. Quantisation with step q adds an error of variance
+    q²/12. No eigenvalue of its n×n covariance exceeds the trace n q²/12; errors of periodic inputs
+    come close to it. Floating-point
+    rounding adds n ε λ₁, times ten for the sums.
     """
     series = [piece.inputs[:, number] for piece in pieces if len(piece) >= 8]
     if all(float(np.ptp(one)) == 0 for one in series):

@@ -1,4 +1,4 @@
-"""Tells whether an input was made from the output: data of a closed loop."""
+"""Detects feedback from the output to an input: data recorded in closed loop."""
 
 from __future__ import annotations
 
@@ -12,23 +12,24 @@ from msnn.features.data_check.dynamics.chi_square import chi_square_quantile
 from msnn.features.data_check.dynamics.pieces import Piece, rows_of
 
 FALSE_ALARMS = 1e-3
-"""How often feedback is claimed where there is none."""
+"""Probability of a false detection of feedback."""
 _LEAST_SHARE = 0.01
-"""Of what the input's own past leaves open: less is what noise and other signals in common do."""
+"""Minimum explained fraction of the innovation; noise and common signals explain less."""
 _OWN = 40
 _OTHER = 5
 _ROWS_A_NUMBER = 5
 _PREDICTED = 1e-5
-"""What a model leaves of an input that its own past predicts, as the ridge of the fit limits it."""
+"""Minimum relative residual of an input that its own past predicts, due to the ridge."""
 
 
 def feedback(pieces: Sequence[Piece], number: int) -> float | None:
-    """The share of input `number` that its own past leaves open and the past output explains.
+    """The fraction of the innovation of input `number` that the past output explains.
 
-    None where the output explains nothing of it. Granger's test (Econometrica 37, 1969): two models
-    of the input in its past, one with the past output; n ln(Σe²/Σe'²) is χ² of the added numbers
-    where there is no feedback. The input's own past is much longer than the output's, or a periodic
-    input would be predicted by what the system remembers of it.
+    None if the output explains nothing. Granger's test (Econometrica 37, 1969) compares two models
+    of the input by its own past, one also with the past output. Without feedback, n ln(Σe²/Σe'²) is
+    χ² distributed with the number of added parameters. The model uses more lags of the input than
+    of the output. Otherwise a periodic input would seem to be predicted by the output, which
+    depends on earlier inputs.
     """
     # turned round: the input is explained, the output explains
     turned = [Piece(piece.inputs[:, number], piece.output[:, None]) for piece in pieces]

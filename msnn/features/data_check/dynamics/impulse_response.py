@@ -1,4 +1,4 @@
-"""Estimates impulse responses with confidence bands, and the delays that they show."""
+"""Estimates impulse responses with confidence bands, and the delays in them."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from msnn.features.data_check.dynamics.arx import Arx, ArxOrders, fit_arx
 from msnn.features.data_check.dynamics.pieces import Piece, rows_of
 
 FALSE_ALARMS = 0.01
-"""How often a response to an input that has none is claimed, over all lags together."""
+"""Probability of a false response, over all lags together."""
 LONGEST_DELAY = 100
 _OWN = 20
 _ROWS_A_NUMBER = 5
 _MOST_NUMBERS = 400
-"""Of one fit: its time grows with their square."""
+"""Maximum number of parameters per fit; the time grows quadratically."""
 _SHARPNESS = 3.0
-"""A response that rises out of the band goes through once and twice the band before."""
+"""Factor by which a response must exceed the band to count as a sharp beginning."""
 _SHARE_AT_ONCE = 0.1
-"""Less in the same row is what sampling and holding of inputs leave of the next one."""
+"""Relative response in the same row that sampling and holding of inputs may cause."""
 _NEGLIGIBLE = 0.01
-"""Of the largest value of a response: less is what a linear model leaves of another one."""
+"""Relative response that a nonlinear system may cause in a linear model."""
 
 
 @dataclass(frozen=True, slots=True)
 class Responses:
-    """Responses of one series to an impulse of each input; (inputs, lags), lag 0 first."""
+    """Responses of one series to an impulse at each input; (inputs, lags), from lag 0."""
 
     values: FloatArray
     errors: FloatArray
     """Standard errors."""
     factor: float
-    """The band is ± so many standard errors."""
+    """Half the width of the band, in standard errors."""
     model: Arx
 
     @property
@@ -43,7 +43,7 @@ class Responses:
         return self.values.shape[1]
 
     def delay(self, number: int) -> int | None:
-        """The first lag beyond the band; None where the input has no visible response."""
+        """The first lag outside the band; None without a visible response."""
         values = np.abs(self.values[number])
         least = np.maximum(self.factor * self.errors[number], _NEGLIGIBLE * values.max())
         beyond = np.flatnonzero(values > least)
@@ -51,10 +51,10 @@ class Responses:
         return int(beyond[0]) if len(beyond) else None
 
     def answers(self, number: int) -> bool:
-        """Whether the taps of an input together are other than 0: an F test of all of them.
+        """True if all taps of an input together differ from 0 (F test).
 
-        Of an input that holds its values for long no single lag may be beyond the band. F is
-        brought to a normal variable by Paulson (Annals of Mathematical Statistics 13, 1942).
+        For an input that is constant for long times, no single lag may be outside the band. F is
+        transformed to a normal variable (Paulson, Annals of Mathematical Statistics 13, 1942).
         """
         own, taps = self.model.orders.own, self.model.orders.taps
         used = slice(own + number * taps, own + (number + 1) * taps)
@@ -69,9 +69,9 @@ class Responses:
         return bool(normal > NormalDist().inv_cdf(1 - FALSE_ALARMS))
 
     def begins_sharply(self, number: int) -> bool:
-        """Whether the response begins with the delay: nothing of its size could hide before it.
+        """True if the response begins at the delay, so that no earlier response can be hidden.
 
-        One that rises slowly out of the band may have begun earlier; its delay is a limit only.
+        A slowly rising response may have begun earlier; its delay is then an upper limit.
         """
         delay = self.delay(number)
         if delay is None:
@@ -83,9 +83,9 @@ class Responses:
         return bool(values[delay] > _SHARPNESS * hidden)
 
     def settled(self, number: int, share: float = 0.02) -> int | None:
-        """The lag after which the response to a step stays within a share of its span.
+        """The lag after which the step response stays within a fraction of its span.
 
-        None where it has not settled at the last lag that was estimated.
+        None if it has not settled at the last estimated lag.
         """
         step = np.cumsum(self.values[number])
         # the response to a step is the sum of that to an impulse
@@ -96,13 +96,13 @@ class Responses:
 
 
 def responses(pieces: Sequence[Piece]) -> Responses | None:
-    """The responses to all inputs together; None where there are too few rows to tell.
+    """The responses to all inputs, estimated together; None with too few rows.
 
-    A long A(q) y = Σ Bⱼ(q) uⱼ + e whitens what is left of the output whatever the colours of noise
-    and inputs, which makes the correlation of e with past inputs a test: the prewhitening of Box
-    and Jenkins (Time Series Analysis, 1970, §11.2), for several inputs at once. gⱼ = Bⱼ/A; its
-    errors are those of A and B by the delta method: ∂g[k]/∂bᵢ = s[k−i] and ∂g[k]/∂aᵢ = −(g∗s)[k−i],
-    where s is the power series of 1/A. The band takes all lags together (Šidák).
+    A long model A(q) y = Σ Bⱼ(q) uⱼ + e whitens the residuals for any spectra of noise and inputs.
+    This generalises the prewhitening of Box and Jenkins (Time Series Analysis, 1970, §11.2) to
+    several inputs. gⱼ = Bⱼ/A, and its standard errors follow from those of A and B by the delta
+    method: ∂g[k]/∂bᵢ = s[k−i] and ∂g[k]/∂aᵢ = −(g∗s)[k−i], with the power series s of 1/A. The band
+    holds for all lags together (Šidák).
     """
     rows = rows_of(pieces)
     inputs = pieces[0].inputs.shape[1] if pieces else 0
@@ -146,7 +146,7 @@ def _with_errors(model: Arx, lags: int) -> tuple[FloatArray, FloatArray]:
 
 
 def power_series(denominator: FloatArray, count: int) -> FloatArray:
-    """The first elements of 1/A."""
+    """The first coefficients of the power series of 1/A."""
     found = np.zeros(count)
     found[0] = 1.0
     for n in range(1, count):

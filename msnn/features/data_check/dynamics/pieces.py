@@ -1,4 +1,4 @@
-"""Cuts series into pieces without gap, and takes fewer or slower rows of them."""
+"""Divides series into intervals without gaps, and reduces the number of rows."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from msnn.data.dataset import BoolArray, FloatArray
 
 _MOST_ROWS = 200_000
-"""Rows that are looked at: their number decides the time, and more add no certainty that counts."""
+"""Maximum number of analysed rows; more rows only take more time."""
 _BLOCK = 10_000
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Neighbouring rows: one series to explain, and (rows, inputs) that may explain it."""
+    """Consecutive rows: one series to explain, and explaining inputs (rows, inputs)."""
 
     output: FloatArray
     inputs: FloatArray
@@ -26,9 +26,9 @@ class Piece:
 
 
 def pieces_of(output: FloatArray, inputs: FloatArray, follows: BoolArray) -> list[Piece]:
-    """The maximal runs of rows that follow each other and have every value.
+    """The maximal intervals of consecutive rows without missing values.
 
-    Means are taken off. Of more than 200,000 rows evenly spread blocks are used.
+    Means are subtracted. With more than 200,000 rows, evenly spread blocks are used.
     """
     known = np.isfinite(output) & np.isfinite(inputs).all(axis=1)
     before = np.concatenate(([False], known[:-1]))
@@ -55,7 +55,7 @@ def pieces_of(output: FloatArray, inputs: FloatArray, follows: BoolArray) -> lis
 
 
 def slower(pieces: Sequence[Piece], factor: int) -> list[Piece]:
-    """The means of so many neighbouring rows, as a filter against aliases."""
+    """Means of `factor` neighbouring rows, as an anti-aliasing filter."""
     if factor == 1:
         return list(pieces)
     found: list[Piece] = []
@@ -69,5 +69,5 @@ def slower(pieces: Sequence[Piece], factor: int) -> list[Piece]:
 
 
 def rows_of(pieces: Sequence[Piece]) -> int:
-    """The count of all rows."""
+    """The number of all rows."""
     return sum(map(len, pieces))

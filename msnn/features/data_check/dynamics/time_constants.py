@@ -1,4 +1,4 @@
-"""Finds the time constants that impulse responses are made of."""
+"""Determines the time constants of impulse responses."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ ComplexArray = NDArray[np.complex128]
 _NO_POLES: ComplexArray = np.zeros(0, np.complex128)
 _HIGHEST_ORDER = 4
 _LEAST = 0.03
-"""Singular values below this part of the largest say nothing that a model would need."""
+"""Singular values below this fraction of the largest are neglected."""
 _SLOWER = 4
 _FEWEST_ROWS = 200
 _LEAST_ENERGY = 0.01
-"""A mode with less of the energy of the responses than that is not seen by eye."""
+"""Modes with a smaller fraction of the responses' energy are neglected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeConstants:
-    """The modes of the responses of one series; in rows."""
+    """The modes of the responses of one series, in rows."""
 
     modes: tuple[float, ...]
     """Time constants −1/ln|z| of the poles z, the slowest first; infinite for an integrator."""
     periods: tuple[float, ...]
-    """Rows of an oscillation of each mode; infinite where it does not oscillate."""
+    """Period of each mode in rows; infinite without oscillation."""
     natural: tuple[float, ...]
-    """1/|ln z| of each mode: its time constant, or 1/ω₀ of an oscillation, however it is damped."""
+    """1/|ln z| of each mode: its time constant, or 1/ω₀ of an oscillation."""
     settling: float | None
-    """Rows in which a step response comes within 2 %; None where it has not in any estimate."""
+    """Rows until a step response is within 2 %; None if it has not settled in any estimate."""
 
     @property
     def slowest(self) -> float:
-        """The largest 1/|ln z|: within that many rows any motion has turned or died."""
+        """The largest 1/|ln z|, the scale of the slowest motion in rows."""
         return max(self.natural)
 
     @property
@@ -48,12 +48,12 @@ class TimeConstants:
 
 
 def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants | None:
-    """The modes of a series, from its responses to all inputs; None where none is visible.
+    """The modes of a series, from its responses to all inputs; None if none is visible.
 
-    Where responses outlast the lags of the estimate, it is repeated with means of 4, 16, … rows;
-    modes that are over within a mean are those of the rows. A state space of the responses is their
-    Hankel matrix shifted by one lag (Kung 1978); its order is how many singular values exceed what
-    the errors of the responses make of them.
+    If responses are longer than the estimated lags, the estimate is repeated with means of 4, 16, …
+    rows; fast modes keep their first estimates. A state-space model follows from the Hankel matrix
+    of the responses, shifted by one lag (Kung 1978). Its order is the number of singular values
+    above the effect of the responses' errors.
     """
     # responses that last longer than the lags are seen at fewer rows a second
     found, factor = first, 1
@@ -108,7 +108,7 @@ def _times(poles: ComplexArray) -> FloatArray:
 
 
 def _begin(delay: int | None, of_rows: int | None, factor: int) -> int:
-    """The first lag from which on a response is a sum of power series."""
+    """The first lag from which a response is a sum of exponentials."""
     # lag 0 is feedthrough, and a delay would be poles at 0
     least = max(delay or 0, 1)
     if factor == 1:
@@ -121,7 +121,7 @@ def _begin(delay: int | None, of_rows: int | None, factor: int) -> int:
 
 
 def _poles(found: Responses, begins: Mapping[int, int]) -> ComplexArray:
-    """The poles of the state space whose impulse responses are these, up to four."""
+    """At most four poles of the state-space model with these impulse responses."""
     # half of the lags for rows, half for columns: the Hankel matrix is as square as it can be
     half = found.lags // 2
     if half < 2:
@@ -151,7 +151,7 @@ def _poles(found: Responses, begins: Mapping[int, int]) -> ComplexArray:
 
 
 def _energy(found: Responses, begins: Mapping[int, int], poles: ComplexArray) -> FloatArray:
-    """The energy of each mode in the responses, as part of that of the largest."""
+    """The energy of each mode in the responses, relative to the largest."""
     energy = np.zeros(len(poles))
     for number, begin in begins.items():
         series = found.values[number, begin:]

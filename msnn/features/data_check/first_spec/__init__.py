@@ -1,1 +1,1 @@
-"""Makes a spec out of a file of measured data: what `msnn init NAME --data FILE` writes."""
+"""Creates a spec from a file of measured data: `msnn init NAME --data FILE`."""

@@ -1,4 +1,4 @@
-"""Chooses the linear model that a new spec begins with: delays, orders, length of rollouts."""
+"""Selects the linear model of a new spec: delays, orders, length of rollouts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from msnn.training.starts.linear_system import filtered
 
 _ORDERS = (1, 2, 3, 4)
 _AS_GOOD = 1.02
-"""A higher order must lower the error by more than 2 %."""
+"""Minimum ratio of errors for selecting a higher order: 2 %."""
 _VALIDATION = 0.2
 _LONGEST_ROLLOUT = 200
 
@@ -30,21 +30,23 @@ class Baseline:
     delays: tuple[int, ...]
     """Rows from each input to its first effect, at least 1."""
     seen: tuple[bool, ...]
-    """Whether the data show the delay; it is 1 by default."""
+    """True if the data show the delay; otherwise it is 1."""
     immediate: tuple[bool, ...]
-    """Whether the effect begins in the same row, which no prediction can use."""
+    """True if the effect begins in the same row, which a prediction cannot use."""
     horizon: int
-    """Rows of a rollout: three time constants, as far as the records allow."""
+    """Length of rollouts: three time constants, limited by the recordings."""
     constant_error: float
-    """Root mean square of the last fifth around the mean of the rest."""
+    """RMS of the last fifth of the data around the mean of the rest."""
     held_error: float
-    """The same of the row before as the prediction."""
+    """RMS error of the previous row as prediction."""
 
 
 def choose_baseline(
     target: FoundColumn, inputs: Sequence[FoundColumn], follows: BoolArray
 ) -> Baseline:
-    """The smallest model that simulates the last fifth of the rows about as well as larger ones."""
+    """The smallest model whose simulation of the last fifth is about as good as that of larger
+    ones.
+    """
     table = np.stack([c.values for c in inputs], axis=1) if inputs else np.zeros((len(follows), 0))
     pieces = pieces_of(target.values, table, follows)
     found = responses(pieces)
@@ -78,7 +80,7 @@ def choose_baseline(
 
 
 def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> tuple[float, int]:
-    """The error of the smallest order that is about as good as the best, and that order."""
+    """The smallest order with about the minimum error, and its error."""
     errors: dict[int, float] = {}
     for order in _ORDERS:
         model = fit_arx(train, ArxOrders(order, order, first=1))
@@ -93,7 +95,9 @@ def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> tuple[float, int]
 
 
 def _simulation_error(model: Arx, piece: Piece) -> float:
-    """Σ e² of a free run in the last fifth of a piece; it has forgotten its start by then."""
+    """Σ e² of a simulation over the last fifth of an interval, where initial values have
+    decayed.
+    """
     driven = np.zeros(len(piece))
     for series, taps in zip(piece.inputs.T, model.numerators, strict=True):
         # taps begin with the row before

@@ -1,4 +1,4 @@
-"""Reads the columns of a file with names that a spec can have, and their units."""
+"""Reads the columns of a file, with valid names and units for a spec."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundColumn:
-    """One column of numbers."""
+    """One numeric column."""
 
     index: int
     label: str
-    """What the header says."""
+    """Its header."""
     name: str
-    """What the spec calls it."""
+    """Its name in the spec."""
     unit: Unit | None
     doubt: CapitalUnit | TwoUnits | MixedUnits | None = None
-    """The unit that the file states, where that leaves a doubt; `unit` is None then."""
+    """The ambiguous or conflicting unit of the file; `unit` is then None."""
     key: str | int
-    """How the spec finds it: by its header, or by its index where that does not name it."""
+    """The reference in the spec: its header, or its index if the header is not unique."""
     values: FloatArray
 
     @property
@@ -57,13 +57,15 @@ class FoundColumn:
 
     @property
     def is_seldom(self) -> bool:
-        """Whether most rows lack it or the value before: as an input it would end every episode."""
+        """True if most rows lack it or its previous value; as an input it would end every
+        episode.
+        """
         known = np.isfinite(self.values)
         return 2 * int(np.sum(known[1:] & known[:-1])) < len(known) - 1
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """A note where nobody can tell the unit by the file."""
+        """A note if the unit is ambiguous."""
         match self.doubt:
             case CapitalUnit(different=units):
                 pass
@@ -84,21 +86,21 @@ class FoundColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundTable:
-    """The columns of numbers of one file, and what it has beside them."""
+    """The numeric columns of one file, and its other columns."""
 
     layout: TextLayout
     columns: tuple[FoundColumn, ...]
     texts: tuple[int, ...]
-    """Indices of columns that are not numbers."""
+    """Indices of non-numeric columns."""
     dates: FoundColumn | None
-    """The first column of dates, in seconds from the first row."""
+    """The first date column, in seconds since the first row."""
 
     @property
     def rows(self) -> int:
         return len(self.columns[0].values)
 
     def text_in(self, called: str) -> str | None:
-        """The first cell that is no number in the text column with this header; None without."""
+        """The first non-numeric cell of the text column with this header; None if there is none."""
         for index in self.texts:
             label = self.layout.labels[index]
             if called in (label, plain_label(label)[0]):
@@ -109,7 +111,7 @@ class FoundTable:
 
 
 def columns_of(path: Path) -> FoundTable:
-    """All columns of numbers; SpecError where there are none, or a cell among them is none."""
+    """All numeric columns; SpecError if there are none, or for a non-numeric cell in one."""
     layout = layout_of(path)
     decimal = layout.dialect.decimal
     numbers = [
@@ -157,7 +159,7 @@ def _has_dates(layout: TextLayout, index: int) -> bool:
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """A name like the wanted one that nothing has yet; it is taken then."""
+    """A unique name similar to `wanted`, which is added to `taken`."""
     name, number = wanted, 1
     while name in taken:
         number += 1
@@ -167,7 +169,7 @@ def free_name(wanted: str, taken: set[str]) -> str:
 
 
 def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
-    """A name of its own for each column: of the header's letters and digits."""
+    """A unique name for each column, from the letters and digits of its header."""
     # a signal called `sum` would hide the function in every formula
     taken = set(BUILTINS)
     for index in numbers:
@@ -199,7 +201,7 @@ def _unit(
 
 
 def _key(layout: TextLayout, index: int) -> str | int:
-    """The header where it names this column alone and is no pattern of several."""
+    """The header if it identifies this column and is not a pattern; else the index."""
     label = layout.labels[index]
     # two columns of one header are told apart by index alone
     named = layout.named and layout.labels.count(label) == 1

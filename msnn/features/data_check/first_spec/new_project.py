@@ -1,4 +1,4 @@
-"""Makes the folder of a project from measured data: a first spec, a README."""
+"""Creates the folder of a project from measured data: a first spec, a README."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from spec_schema.editors.json_schema import json_schema_text
 
 
 def new_project_from(folder: Path, data: Path, predict: str | None) -> tuple[Path, NewSpec]:
-    """Makes the folder of a spec of measured data, which stay where they are.
+    """Creates a project for measured data, which are not copied.
 
-    Raises as `new_project`, and what `spec_from_data` raises.
+    Raises the errors of `new_project` and `spec_from_data`.
     """
     name = project_name(folder)
     spec = spec_from_data(name, data, folder, predict)

@@ -1,4 +1,4 @@
-"""Writes the folder of a spec that a file of measured data trains at once."""
+"""Writes a spec that can be trained on a file of measured data immediately."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ from spec_schema.yaml_tree.writer import quoted, scalar_text
 
 _FEWEST_ROWS = 40
 _WIDTH = 98
-"""Of notes in the spec, without the sign of a comment."""
+"""Width of notes in the spec, without the comment character."""
 
 
 class TargetNotNamedError(Exception):
-    """Nobody said which column is predicted, or there is none of that name; says which might be."""
+    """The predicted column is not given or unknown; the text lists candidates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewSpec:
-    """The text of a spec, and what a user should know of how it came about."""
+    """The text of a spec, and notes for the user."""
 
     text: str
     notes: tuple[str, ...]
 
 
 def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> NewSpec:
-    """The spec of a model named `name` in `folder`, of the columns of a file.
+    """The spec of a model named `name` in `folder`, from the columns of a file.
 
-    Raises TargetNotNamedError where it is not known what to predict, SpecError where the file
-    cannot be used.
+    Raises TargetNotNamedError if the predicted column is unknown, and SpecError if the file cannot
+    be used.
     """
     table = columns_of(file)
     time = time_of(table, file.name)
@@ -105,7 +105,7 @@ def _target(
     seldom: Sequence[FoundColumn],
     row_follows: BoolArray,
 ) -> FoundColumn:
-    """The column with this name, header, or header without its unit."""
+    """The column with this name or header, with or without unit."""
     if predict is None:
         raise TargetNotNamedError(_candidates(columns, still, row_follows))
     found = [c for c in columns if predict in (c.name, c.label)]
@@ -252,7 +252,7 @@ def _signal(column: FoundColumn) -> dict[str, Any]:
 
 
 def _rounded(low: float, high: float) -> tuple[float, float]:
-    """The range outwards to two digits of its span."""
+    """The range rounded outwards to two digits of its span."""
     if not high > low:
         return low, high
     # decimals of two digits of the span
@@ -276,7 +276,7 @@ def _key(key: str | int) -> str:
 
 
 def _csv(table: FoundTable, format: FileFormat) -> str | None:
-    """The `csv:` entry with what the format has a use for, None where the layout is the usual."""
+    """The `csv:` entry with keys that the format uses; None for the default layout."""
     dialect, entries = table.layout.dialect, dict[str, str]()
     if dialect.delimiter != ",":
         entries["delimiter"] = quoted(dialect.delimiter)
@@ -300,7 +300,7 @@ def _duration(seconds: float) -> str:
 
 
 def _comment(text: str) -> str:
-    """Text that ends no comment and hides nothing in it."""
+    """The text without characters that would end or hide a comment."""
     return _printable(text)[:80]
 
 

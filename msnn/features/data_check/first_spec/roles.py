@@ -1,4 +1,4 @@
-"""Tells which columns look like inputs of a system and which like its outputs."""
+"""Classifies columns as likely inputs or outputs of a system."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ _LAGS = 5
 _LEAST_SHARE = 0.02
 _CHANCE = 1e-3
 _COMPUTED = 0.5
-"""Of what the past leaves open: a controller computes its command of values in the same row."""
+"""Fraction of the innovation explained in the same row, typical for computed control signals."""
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnRole:
-    """The share of a column's news that the past of the others explains."""
+    """The fraction of a column's innovation explained by the past of the others."""
 
     column: FoundColumn
     explained: float
     output: bool
-    """Whether that is visible, and the column is not computed of others in the same row."""
+    """True if this is significant, and the column is not computed from others in the same row."""
 
 
 def roles_of(
     columns: Sequence[FoundColumn], follows: BoolArray, without: FoundColumn | None = None
 ) -> list[ColumnRole]:
-    """The role of each column; the column `without` may explain nothing, as what is predicted.
+    """The role of each column; the column `without` is not used as an explanation.
 
-    An output is what the past of others moves (Granger's test). A command of a controller is so
-    too, since it follows the output; but most of what is new in it is there in the same row.
+    An output depends on the past of other columns (Granger's test). So does a control signal,
+    because it follows the output, but most of its innovation is explained in the same row.
     """
     return [_role(column, columns, follows, without) for column in columns]
 
@@ -71,7 +71,7 @@ def _role(
 def _left(
     column: FoundColumn, others: Sequence[FoundColumn], follows: BoolArray, *, first: int
 ) -> Arx | None:
-    """The model of a column in its own past and that of others, from `first` rows back."""
+    """A model of a column from its own past and that of others, from lag `first`."""
     table = np.zeros((len(follows), len(others)))
     for number, other in enumerate(others):
         table[:, number] = other.values
@@ -80,7 +80,7 @@ def _left(
 
 
 def _stands_still(column: FoundColumn) -> bool:
-    """Whether most rows repeat the one before: a command that is held."""
+    """True if most rows repeat the previous one, like a held command."""
     # its jumps follow no past of anything, and would pass the test by chance
     known = column.values[np.isfinite(column.values)]
     return float(np.median(np.abs(np.diff(known)))) == 0

@@ -1,4 +1,4 @@
-"""Guesses how a text file is laid out: delimiter, decimal sign, header, line of units."""
+"""Infers the layout of a text file: delimiter, decimal sign, header, line of units."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ _COMMENTS = ("#", "%")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLayout:
-    """A file of text, as the `csv:` key of a spec says it, and what stands above its numbers."""
+    """The layout of a text file in terms of the `csv:` key, and its header."""
 
     dialect: Dialect
     labels: tuple[str, ...]
-    """The cells of the header; empty texts where there is none."""
+    """The cells of the header; empty texts without a header."""
     units: tuple[str, ...]
-    """The cells of a line of units; empty texts where there is none."""
+    """The cells of the line of units; empty texts without one."""
     named: bool
-    """Whether the header can name columns; where a line of units is passed over it cannot."""
+    """True if columns can be referenced by header; False if a line of units must be skipped."""
     sample: tuple[tuple[str, ...], ...]
     """The cells of the first rows."""
 
 
 def layout_of(path: Path) -> TextLayout:
-    """The layout of a file of numbers; SpecError where it is none."""
+    """The layout of a file of numbers; SpecError for other files."""
     comment = _comment(path)
     lines = _first_lines(path, Dialect(comment=comment))
     if not lines:
@@ -83,7 +83,7 @@ def layout_of(path: Path) -> TextLayout:
 
 
 def number(cell: str, decimal: str) -> bool:
-    """Whether a cell is a number or a word for none."""
+    """True if a cell is a number or a marker for a missing value."""
     return cell.lower() in MISSING or is_number(cell.replace(decimal, "."))
 
 
@@ -105,7 +105,7 @@ def _first_lines(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
 def _labels_in_comment(
     path: Path, comment: str | None, delimiter: str, width: int
 ) -> tuple[str, ...]:
-    """The header that is written as a comment, as numpy does; empty texts where there is none."""
+    """The header in a comment, as numpy writes it; empty texts without one."""
     if comment is not None:
         for _, text in _first_lines(path, Dialect()):
             # `# t,x,y`, as numpy.savetxt writes it
@@ -116,7 +116,7 @@ def _labels_in_comment(
 
 
 def _comment(path: Path) -> str | None:
-    """The character with which lines above the table begin, where that is one of comments."""
+    """The comment character of lines above the table, if there is one."""
     lines = [text.lstrip() for _, text in _first_lines(path, Dialect())]
     for sign in _COMMENTS:
         begins = [line.startswith(sign) for line in lines]
@@ -127,7 +127,7 @@ def _comment(path: Path) -> str | None:
 
 
 def _fits(texts: Sequence[str], delimiter: str, decimal: str) -> tuple[float, int]:
-    """The fit of lines: the share of numbers among cells, in lines of one width; the width."""
+    """Quality of a layout: fraction of numeric cells in lines of one width, and that width."""
     rows = [split_cells(text, delimiter) for text in texts]
     late = rows[len(rows) // 2 :]
     width, count = Counter(map(len, late)).most_common(1)[0]
@@ -141,7 +141,7 @@ def _fits(texts: Sequence[str], delimiter: str, decimal: str) -> tuple[float, in
 
 
 def _numeric(rows: Sequence[Sequence[str]], decimal: str) -> tuple[int, ...]:
-    """The columns that hold numbers in most rows."""
+    """The columns with numbers in most rows."""
     found: list[int] = []
     for index in range(len(rows[0]) if rows else 0):
         cells = [row[index] for row in rows if row[index].lower() not in MISSING]
@@ -152,7 +152,7 @@ def _numeric(rows: Sequence[Sequence[str]], decimal: str) -> tuple[int, ...]:
 
 
 def _is_data(row: Sequence[str], width: int, numeric: Sequence[int], decimal: str) -> bool:
-    """Whether a line has a number, or a word for none, wherever the lines after it have numbers."""
+    """True if a line has a number, or a missing value, in every numeric column."""
     if len(row) != width or not all(number(row[index], decimal) for index in numeric):
         return False
     return any(row[index].lower() not in MISSING for index in numeric)

@@ -1,4 +1,4 @@
-"""Finds the column of time, its unit and the sample time."""
+"""Determines the time column, its unit and the sample time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SECOND = parse_unit("s")
 _SCALES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 _DAY = 86400.0
 _EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11))
-"""Counted since 1970, times of our days are beyond these numbers."""
+"""Lower limits of present-day times since 1970, by unit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,21 +39,21 @@ class FoundTime:
     """The times of a file's rows."""
 
     column: FoundColumn | None
-    """None: no column says; rows are one sample apart."""
+    """None without a time column; rows are then one sample apart."""
     unit: str
     step: float
     """Seconds between rows."""
     resample: str | None
-    """What the spec must say of rows that are not one step apart."""
+    """Resampling method required in the spec for uneven rows."""
     notes: tuple[str, ...]
     counters: tuple[int, ...] = ()
-    """Indices of columns that only count rows, or that tell a time which no spec can read."""
+    """Indices of columns that count rows, or contain unreadable times."""
 
 
 def time_of(table: FoundTable, file: str) -> FoundTime:
-    """The time of a file: a column that is called so, or the first one if it steps evenly.
+    """The time of a file: a column with a typical name, or the first if its steps are equal.
 
-    Raises SpecError where the column that is called so falls from row to row.
+    Raises SpecError if a column with a typical name decreases.
     """
     counters = tuple(c.index for c in table.columns if _counts(c))
     # dates before numbers: a log with both counts something else in the other one
@@ -129,7 +129,7 @@ def _from(column: FoundColumn, counters: tuple[int, ...], file: str) -> FoundTim
 
 
 def _unit(column: FoundColumn) -> tuple[str, str]:
-    """The unit of a column of time, and why where nothing writes it."""
+    """The unit of a time column, and a note if the unit was inferred."""
     # in capital letters seconds may be siemens, but not of a time
     doubt = column.doubt
     units = doubt.fitting(_SECOND) if isinstance(doubt, CapitalUnit) else (column.unit,)
@@ -169,7 +169,9 @@ def _backward(place: str, time: FloatArray) -> str:
 
 
 def _tells_time(dates: FloatArray) -> bool:
-    """Whether dates follow the rows, in seconds; days alone tell it of rows that are days apart."""
+    """True if dates increase with the rows; dates without time only for rows that are days
+    apart.
+    """
     steps = np.diff(dates[np.isfinite(dates)])
     rises = steps > 0
     is_of_days = bool(np.all(steps % _DAY == 0))
@@ -177,14 +179,14 @@ def _tells_time(dates: FloatArray) -> bool:
 
 
 def _rises(values: FloatArray) -> bool:
-    """Whether values are those of a clock, a few steps back allowed."""
+    """True if values increase like a clock, with a few steps back."""
     known = values[np.isfinite(values)]
     # a clock that was set back once is still one
     return len(known) > 2 and float(np.mean(np.diff(known) > 0)) > 0.9
 
 
 def _even(values: FloatArray) -> bool:
-    """Whether values rise by one step."""
+    """True if values increase by a constant step."""
     steps = np.diff(values)
     if len(steps) < 2 or not np.all(steps > 0):
         return False
@@ -193,6 +195,6 @@ def _even(values: FloatArray) -> bool:
 
 
 def _counts(column: FoundColumn) -> bool:
-    """Whether a column numbers the rows and is called so."""
+    """True if a column counts rows and has a typical name."""
     called = _COUNTERS.fullmatch(plain_label(column.label)[0].strip()) is not None
     return called and bool(np.all(np.diff(column.values) == 1))

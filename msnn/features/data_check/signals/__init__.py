@@ -1,1 +1,1 @@
-"""Finds what one column of a log shows by itself: its rows, its values, its faults."""
+"""Analyses single columns of a log: sampling, values, faults."""

@@ -1,4 +1,4 @@
-"""Looks at one series by itself: its values, its spikes, its limits, its steps."""
+"""Analyses a single series: values, spikes, saturation, quantisation."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from msnn.features.data_check.signals.spikes import Spikes, spikes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesCheck:
-    """The properties of one series; numbers are NaN where it has no values."""
+    """The properties of one series; NaN if it has no values."""
 
     rows: int
-    """Without those that a filter has taken out."""
+    """Number of rows, without those removed by a filter."""
     missing: int
     first_missing: int
     longest_missing: int
@@ -33,9 +33,9 @@ class SeriesCheck:
 def check_series(
     values: FloatArray, follows: BoolArray, lacks: BoolArray, left_out: int = 0
 ) -> SeriesCheck:
-    """Everything that one series shows; `follows` says which rows continue the row before.
+    """All properties of one series; `follows` is the mask of rows that continue the previous one.
 
-    `lacks` are the rows without a value that should have one, among all but those `left_out`.
+    `lacks` is the mask of missing values; `left_out` rows are not counted.
     """
     known = values[np.isfinite(values)]
     return SeriesCheck(
@@ -54,7 +54,7 @@ def check_series(
 
 
 def _longest(wanted: BoolArray) -> int:
-    """The most neighbouring rows of which it holds."""
+    """The maximum number of consecutive True values."""
     # edges of runs of True: begins and ends alternate
     edges = np.flatnonzero(np.diff(np.concatenate(([False], wanted, [False])).astype(np.int8)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -1,4 +1,4 @@
-"""Doubts units whose values would be usual in another unit of the same kind."""
+"""Detects units whose values would be more plausible in another unit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Values of a signal between two numbers that are rather those of another unit."""
+    """A range of values in a unit that are more plausible in the unit `rather`."""
 
     unit: str
     low: float
@@ -20,7 +20,7 @@ class Doubt:
     reason: str
 
     def holds(self, unit: Unit, low: float, high: float) -> bool:
-        """Whether all values of a signal, low … high, lie where this doubt does."""
+        """True if all values of a signal, low … high, are in this range."""
         return unit.same_as(parse_unit(self.unit)) and self.low <= low and high <= self.high
 
 
@@ -31,13 +31,13 @@ DOUBTS = (
     Doubt("Pa", 0.05, 50.0, "bar", "is a vacuum"),
     Doubt("bar", 5e4, 5e6, "Pa", "is more than 50000 bar"),
 )
-"""Values inside [low, high] are doubted; the reason says what they would mean."""
+"""Suspicious ranges [low, high]; the reason states what the values would mean."""
 
 _SIX_TURNS = 12 * math.pi
 
 
 def doubt(unit: Unit | None, low: float, high: float) -> tuple[str, str] | None:
-    """The unit that values from `low` to `high` are rather in, and why; None if they may be."""
+    """The more plausible unit of values from `low` to `high`, and the reason; None if plausible."""
     if unit is None or low == high:
         return None
     # the largest magnitude: angles may go either way

@@ -1,4 +1,4 @@
-"""Measures the smallest step of a series of values that an instrument has rounded."""
+"""Measures the quantisation step of a series."""
 
 from __future__ import annotations
 
@@ -10,28 +10,30 @@ import numpy as np
 from msnn.data.dataset import FloatArray
 
 FEW_LEVELS = 16
-"""A signal of so few values is switched between them, whatever instrument read it."""
+"""A signal with so few values is switched between them, not quantised."""
 _OFF_GRID = 0.1
-"""How far from a multiple of the step a value may be, as part of the step: as printing rounds."""
+"""Maximum distance from the grid, relative to the step, due to printing."""
 _ROUNDING = 1e-9
-"""Values nearer than this part of the span are equal: conversions of units round them."""
+"""Relative distance below which values are equal; unit conversions round them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantisation:
-    """The step between neighbouring values, and how the series uses it."""
+    """The quantisation step of a series, and its effect."""
 
     step: float
     levels: int
-    """Values that the series takes."""
+    """Number of distinct values."""
     bits: float
-    """log₂ of the number of steps in its span, as of an instrument that spans just that."""
+    """log₂ of the number of steps in its span, i.e. the resolution of an instrument with that
+    span.
+    """
     share: float
-    """Deviation of the rounding error, step/√12, as part of the deviation of the series."""
+    """Standard deviation of the rounding error, step/√12, relative to that of the series."""
 
 
 def quantisation(values: FloatArray) -> Quantisation | None:
-    """The step of the grid that all values lie on; None where there is none, or one value only."""
+    """The step of the grid that contains all values; None without a grid or for a constant."""
     known = values[np.isfinite(values)]
     levels = np.unique(known)
     deviation = float(np.std(known)) if len(levels) > 1 else 0.0
@@ -61,9 +63,9 @@ def quantisation(values: FloatArray) -> Quantisation | None:
 
 
 def rounding(values: FloatArray) -> float | None:
-    """The step to which a measured series is rounded; None for one that is switched or held.
+    """The quantisation step of a measured series; None for a switched or held one.
 
-    Such a series is a command: its values are what was commanded, however few digits they have.
+    Such a series is a command, whose values are exact even with few digits.
     """
     found = quantisation(values)
     if found is None or found.levels <= FEW_LEVELS:

@@ -1,4 +1,4 @@
-"""Measures how evenly the rows of a file are spaced in time."""
+"""Measures the regularity of a file's sampling."""
 
 from __future__ import annotations
 
@@ -9,39 +9,39 @@ import numpy as np
 from msnn.data.dataset import BoolArray, FileRows, FloatArray, TimeUnit
 
 LONGEST_STEP = 1.5
-"""A step longer than so many usual ones lacks a row: half a row more is nearer to two steps."""
+"""A step above this multiple of the usual one is a gap."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepsOfTime:
-    """The steps of time between the rows of one file; seconds, and rows of the file."""
+    """Statistics of the time steps of one file, in seconds and rows."""
 
     file: str
     rows: int
     every: int
-    """The spec takes one row of the file in so many."""
+    """The spec uses one of this many rows."""
     time_unit: TimeUnit | None
     step: float
-    """The usual step, the median; NaN where fewer than two rows have a time."""
+    """The median step; NaN with fewer than two times."""
     mean: float
     jitter: float
-    """Standard deviation of the steps that are no gaps, as part of the usual one."""
+    """Standard deviation of the steps without gaps, relative to the median."""
     worst: float
-    """The largest deviation of a step that is no gap, as part of the usual one."""
+    """The largest deviation of a step without gaps, relative to the median."""
     worst_row: int
     gaps: tuple[int, ...]
-    """Rows before which rows are missing."""
+    """Rows directly after a gap."""
     longest: float
     """Seconds of the longest gap."""
     longest_row: int
     repeated: tuple[int, ...]
-    """Rows at the time of the row before."""
+    """Rows with the time of the previous row."""
     backward: tuple[int, ...]
-    """Rows earlier than the row before."""
+    """Rows earlier than the previous row."""
 
 
 def sampling_of(piece: FileRows) -> StepsOfTime | None:
-    """The sampling of a file; None where nothing gives its rows a time."""
+    """The sampling of a file; None without times."""
     if piece.time is None:
         return None
     time = piece.time
@@ -75,7 +75,7 @@ def sampling_of(piece: FileRows) -> StepsOfTime | None:
 
 
 def follows(time: FloatArray | None, rows: int) -> BoolArray:
-    """Whether each row is about one usual step after the row before, with whatever jitter."""
+    """Mask of rows about one usual step after the previous row, tolerant to jitter."""
     found = np.ones(rows, dtype=np.bool_)
     found[:1] = False
     if time is None or rows < 2:

@@ -1,4 +1,4 @@
-"""Finds saturation: values that stay at the largest or smallest one as if something cut them."""
+"""Detects saturation: values that stay at their maximum or minimum."""
 
 from __future__ import annotations
 
@@ -12,35 +12,37 @@ from msnn.data.dataset import BoolArray, FloatArray
 Side = Literal["largest", "smallest"]
 
 SHORTEST = 3
-"""Rows of the shortest stay at a limit."""
+"""Minimum number of rows at a limit."""
 _FEW_LEVELS = 16
-"""A signal of so few values is switched, not cut."""
+"""A signal with so few values is switched, not saturated."""
 _NEAR = 0.02
-"""The band below a limit that is compared with it, as part of the span."""
+"""Width of the comparison band below a limit, relative to the span."""
 _CROWDED = 3.0
-"""So many times the rows of that band stand at a limit. A sine that is rounded stands √2 + 1 = 2.41
-times as often at its largest value as at the one below."""
+"""Minimum ratio of rows at the limit and in the comparison band.
+
+A quantised sine is √2 + 1 = 2.41 times as often at its maximum as at the next value.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saturation:
-    """A value at which a series stays."""
+    """A limit at which a series stays."""
 
     side: Side
     value: float
     rows: int
     longest: int
-    """Rows of the longest stay."""
+    """Rows of the longest interval at the limit."""
     first: int
-    """The row of the series at which the longest stay begins."""
+    """First row of the longest interval."""
 
 
 def saturation(values: FloatArray, follows: BoolArray) -> tuple[Saturation, ...]:
-    """The limits at which a series is cut.
+    """The saturation limits of a series.
 
-    A limit is stayed at for three rows or more, longer than any usual stay at other values (or a
-    staircase would be cut), and much more often than the values next to it are taken (or the
-    rounded top of a wave would be).
+    A series must stay at the limit for three rows or more, longer than usual at other values;
+    otherwise a staircase would be saturated. It must also be there much more often than at
+    neighbouring values; otherwise the rounded top of a wave would be.
     """
     known = np.isfinite(values)
     if known.sum() < 2 * SHORTEST:
@@ -75,14 +77,14 @@ def saturation(values: FloatArray, follows: BoolArray) -> tuple[Saturation, ...]
 
 
 def _levels(values: FloatArray) -> int:
-    """The number of different values; counting ends where there are plainly many."""
+    """The number of distinct values; counting stops if there are clearly many."""
     # a look at the first rows: sorting all would take the time of reading
     few = np.unique(values[: 64 * _FEW_LEVELS])
     return len(few) if len(few) > _FEW_LEVELS else len(np.unique(values))
 
 
 def _next_level(values: FloatArray, limit: float) -> int:
-    """Rows at the value that is nearest to the limit."""
+    """Number of rows at the value nearest to the limit."""
     others = values[values != limit]
     nearest = others[np.argmin(np.abs(others - limit))]
     return int(np.sum(values == nearest))

@@ -1,4 +1,4 @@
-"""Finds spikes: values that jump away from their neighbours and at once back again."""
+"""Detects spikes: values that jump away from their neighbours and back."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 
 WIDEST = 3
-"""Rows of the widest spike."""
+"""Maximum width of a spike in rows."""
 FALSE_ALARMS = 0.01
-"""Spikes expected in a whole record of Gaussian noise that has none, at most."""
+"""Maximum expected number of spikes in a recording of Gaussian noise."""
 _AROUND = 8
-"""Rows on either side of a spike whose motion is compared with it."""
+"""Rows on each side of a spike whose variation is compared with it."""
 _PER_DEVIATION = 1.4826
-"""Standard deviation of Gaussian noise per median of its magnitude."""
+"""Standard deviation of Gaussian noise divided by the median of its magnitude."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spikes:
-    """The first row of each spike and how far it is from where the signal came from."""
+    """The first row, height and width of each spike."""
 
     rows: IntArray
     heights: FloatArray
@@ -32,7 +32,7 @@ class Spikes:
 
 
 def without_spikes(values: FloatArray, found: Spikes) -> FloatArray:
-    """The series with straight lines in place of its spikes: they say nothing of the system."""
+    """The series with spikes replaced by linear interpolation."""
     values = values.copy()
     for row, width in zip(found.rows.tolist(), found.widths.tolist(), strict=True):
         before, after = values[row - 1], values[row + width]
@@ -41,13 +41,13 @@ def without_spikes(values: FloatArray, found: Spikes) -> FloatArray:
 
 
 def spikes(values: FloatArray, follows: BoolArray) -> Spikes:
-    """The spikes of up to three rows of a series; `follows` says which rows continue another.
+    """The spikes of a series with at most three rows; `follows` marks rows without a gap before.
 
-    A spike of w rows begins at i where d[i] and d[i+w] of the differences d are both large, point
-    apart, and the signal is back where it was. Large is beyond s·√(2 ln(N/0.01)), where s is the
-    deviation that the median of |d| says: of N Gaussian differences fewer than 0.01 lie beyond it
-    (Q(k) ≤ exp(−k²/2)/2). Where the signal moves more than usual, the motion around decides. Jumps
-    that are as large and do not come back make a signal of steps, in which short ones are no fault.
+    A spike of w rows begins at i if the differences d[i] and d[i+w] are both large and opposite,
+    and the signal returns to its value. The threshold is s·√(2 ln(N/0.01)) with the standard
+    deviation s from the median of |d|: of N Gaussian differences, fewer than 0.01 exceed it (Q(k) ≤
+    exp(−k²/2)/2). Where the signal varies more, the local variation decides. If there are equally
+    large jumps without return, the signal has steps, and short steps are not spikes.
     """
     found: list[IntArray] = []
     differences = np.diff(values)
@@ -84,7 +84,7 @@ _NONE = Spikes(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64))
 
 
 def _scale(magnitudes: FloatArray) -> float:
-    """The deviation of usual differences; where most are 0, of those that are not."""
+    """The standard deviation of usual differences; without zeros if most are 0."""
     if not len(magnitudes):
         return 0.0
     usual = float(np.median(magnitudes))
@@ -95,7 +95,7 @@ def _scale(magnitudes: FloatArray) -> float:
 
 
 def _apart(found: list[IntArray]) -> tuple[IntArray, IntArray]:
-    """First rows and widths; of spikes that begin within each other only the narrowest."""
+    """First rows and widths; of overlapping spikes only the narrowest."""
     taken: dict[int, int] = {}
     for width, rows in enumerate(found, start=1):
         for row in rows.tolist():
@@ -107,7 +107,7 @@ def _apart(found: list[IntArray]) -> tuple[IntArray, IntArray]:
 
 
 def _motion_around(magnitudes: FloatArray, rows: IntArray) -> FloatArray:
-    """The deviation of the differences beside each spike, without those of the spike itself."""
+    """The standard deviation of the differences around each spike, without its own."""
     # beside the spike, not within it
     offsets = np.concatenate((np.arange(-_AROUND - 1, -1), np.arange(WIDEST, WIDEST + _AROUND)))
     places = rows[:, None] + offsets
@@ -121,7 +121,7 @@ def _motion_around(magnitudes: FloatArray, rows: IntArray) -> FloatArray:
 
 
 def _rare(heights: FloatArray, jumps: FloatArray) -> BoolArray:
-    """Whether jumps of at least half the height are mostly those of spikes, two each."""
+    """Mask of spikes to which most jumps of at least half their height belong, two each."""
     own = np.sort(heights)
     as_high = len(own) - np.searchsorted(own, 0.5 * heights)
     jumping = len(jumps) - np.searchsorted(jumps, 0.5 * heights)

@@ -1,1 +1,1 @@
-"""Follows the source of Python functions without running it."""
+"""Interprets the source of Python functions symbolically, without running it."""

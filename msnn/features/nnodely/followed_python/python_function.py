@@ -1,4 +1,4 @@
-"""Follows the source of a Python function on terms, statement by statement, and never runs it."""
+"""Interprets a Python function on terms, statement by statement, without running it."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ from msnn.features.nnodely.terms.arrays import NotTranslatedError
 from msnn.features.nnodely.terms.terms import minus
 
 _MOST_STEPS = 400_000
-"""Statements, operations and elements of tensors that are followed."""
+"""Maximum number of interpreted statements, operations and tensor elements."""
 _LOWERED = {"true": True, "false": False, "null": None}
-"""Words that nnodely writes in lower case when it saves source."""
+"""Words that nnodely converts to lower case when it saves source code."""
 
 
 def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1) -> Tensor:
@@ -74,7 +74,7 @@ class _Run:
         self._steps = 0
 
     def block(self, statements: Sequence[ast.stmt]) -> tuple[Any] | None:
-        """Follows statements; what they return, if they do."""
+        """Interprets statements; returns the value of a `return`, if there is one."""
         for statement in statements:
             self._line = statement.lineno
             self._count()

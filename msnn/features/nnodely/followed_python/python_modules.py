@@ -1,4 +1,4 @@
-"""Knows the names that a followed function has without giving them: modules, numbers, words."""
+"""Provides the predefined names of an interpreted function: modules, numbers, words."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from msnn.features.nnodely.followed_python.torch_names import NUMBERS
 from msnn.features.nnodely.terms.arrays import NotTranslatedError
 
 MODULES = frozenset({"torch", "math"})
-"""Those of which functions are translated; without an import, functions of a file know them too."""
+"""Modules with translated functions; functions of a file may use them without import."""
 
 LOWERED = {"true": True, "false": False, "null": None}
-"""Words that nnodely writes in lower case when it saves source."""
+"""Words that nnodely converts to lower case when it saves source code."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Module:
 
 
 def imported(statement: ast.Import | ast.ImportFrom) -> dict[str, Module | float]:
-    """The names that a statement binds. Raises NotTranslatedError of modules not translated."""
+    """The names bound by an import statement. Raises NotTranslatedError for unsupported modules."""
     if isinstance(statement, ast.ImportFrom):
         module = _known("." * statement.level + (statement.module or ""))
         for one in statement.names:

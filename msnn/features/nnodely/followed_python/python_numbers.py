@@ -1,4 +1,4 @@
-"""Computes what a followed function knows without data: numbers, lists, loops over `range`."""
+"""Evaluates parts of a function that are known without data: numbers, lists, `range` loops."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from msnn.features.nnodely.terms.arrays import NotTranslatedError
 from msnn.features.nnodely.terms.terms import Term, larger, minus, power, quotient, times
 
 LARGEST = 10**15
-"""Whole numbers; beyond them, products of products would fill the memory."""
+"""Largest integers; beyond them, repeated products would exhaust the memory."""
 LONGEST = 10_000
-"""Elements of a list or passes of a loop."""
+"""Maximum elements of a list or iterations of a loop."""
 COMPARED: Mapping[type[ast.cmpop], str] = {
     ast.Gt: "gt",
     ast.Lt: "lt",
@@ -30,7 +30,7 @@ COMPARED: Mapping[type[ast.cmpop], str] = {
     ast.Eq: "eq",
     ast.NotEq: "ne",
 }
-"""Comparisons of tensors, by what torch calls them."""
+"""Comparisons of tensors, by torch name."""
 # `&` and `|` join truths, which are 1 and 0 in terms
 OPERATORS: Mapping[type[ast.operator], Callable[[Term, Term], Term]] = {
     ast.Add: added,
@@ -41,12 +41,12 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Term, Term], Term]] = {
     ast.BitAnd: times,
     ast.BitOr: larger,
 }
-"""Operators of tensors, by what they make of two elements."""
+"""Operators of tensors, by the operation on two elements."""
 BUILTINS = frozenset(("range", "len", "float", "int", "abs", "sum", "min", "max"))
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a number that is known."""
+    """True if a value is a known number."""
     return isinstance(value, bool | int | float)
 
 
@@ -76,12 +76,12 @@ def folded(op: ast.operator, left: Any, right: Any) -> float:
 
 
 def has_length(value: Any, count: int) -> bool:
-    """Whether a value is a list of so many."""
+    """True if a value is a list of that length."""
     return isinstance(value, list) and len(cast("list[Any]", value)) == count
 
 
 def lengthened(left: list[Any], right: list[Any]) -> list[Any]:
-    """Two lists as one."""
+    """Concatenates two lists."""
     if len(left) + len(right) > LONGEST:
         raise NotTranslatedError("a list is too long")
     return [*left, *right]
@@ -107,7 +107,7 @@ def compared(op: ast.cmpop, left: Any, right: Any) -> bool:
 
 
 def shares(value: Any, held: Any) -> bool:
-    """Whether a change of a tensor or list in place changes what is held too."""
+    """True if an in-place change would affect other references."""
     # a tensor in a list is reached by whoever has the list
     if isinstance(held, list):
         return held is value or any(shares(value, one) for one in cast("list[Any]", held))
@@ -148,7 +148,7 @@ def called(name: str, arguments: Sequence[Any]) -> Any:
 
 
 def kind_of(node: ast.AST) -> str:
-    """The name of a program's part in messages."""
+    """The name of a syntax element in messages."""
     return type(node).__name__.lower()
 
 

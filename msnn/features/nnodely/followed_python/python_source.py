@@ -1,4 +1,4 @@
-"""Reads the source text of one Python function as a tree, and says where one is refused."""
+"""Parses the source text of one Python function, and locates unsupported parts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _LONGEST = 20_000
 
 
 class FunctionError(Exception):
-    """The line of a function that is not translated, from 1, and the reason."""
+    """The line of the first unsupported part of a function, from 1, and the reason."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(reason)
@@ -19,7 +19,7 @@ class FunctionError(Exception):
 
 
 def parse_function(code: str, name: str) -> ast.FunctionDef:
-    """The function of a source text. Raises FunctionError where it is anything else."""
+    """The function in a source text. Raises FunctionError for any other text."""
     if len(code) > _LONGEST:
         raise FunctionError(1, f"it has more than {_LONGEST:,} characters")
     try:
@@ -47,7 +47,7 @@ def parse_function(code: str, name: str) -> ast.FunctionDef:
 
 
 def argument_names(function: ast.FunctionDef) -> list[str]:
-    """The names of the arguments in their order."""
+    """The names of the arguments in order."""
     return [one.arg for one in (*function.args.posonlyargs, *function.args.args)]
 
 

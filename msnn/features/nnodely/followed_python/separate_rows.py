@@ -1,4 +1,4 @@
-"""Refuses functions whose value of one row depends on how many rows there are, or on others."""
+"""Refuses functions that mix rows, or depend on the number of rows."""
 
 from __future__ import annotations
 
@@ -16,11 +16,7 @@ from msnn.features.nnodely.terms.terms import Named, Term, text_of_whole
 def refuse_mixed_rows(
     function: ast.FunctionDef, shapes: Sequence[tuple[int, int]], own: Sequence[Elements]
 ) -> None:
-    """Ends a function of streams of these windows and elements that mixes rows.
-
-    Rows are what nnodely evaluates at once, as many as it likes: one alone and the one in the
-    middle of several have to be the same. Raises FunctionError.
-    """
+    """Ends the import for a function that mixes rows of its arguments."""
     alone, among = (_followed(function, rows, shapes, own) for rows in (1, ROWS))
     # no batch at all: what follows the function refuses it with its shape
     if alone.ndim != 3 or alone.shape[0] != 1:

@@ -1,4 +1,4 @@
-"""Gives calls of torch in a followed function their meaning, on whole values or on elements."""
+"""Translates torch calls in an interpreted function, on complete values or on elements."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from msnn.features.nnodely.terms.terms import (
 
 
 class NeedsElementsError(Exception):
-    """An operation that is followed on the elements of its operands alone."""
+    """An operation that is only supported on the elements of its operands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """A value that one term writes, with the shape that torch gives it."""
+    """A value written as one term, with its shape in torch."""
 
     term: Term
     shape: tuple[int, ...]
@@ -99,7 +99,7 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
 
 
 def condition(value: Term) -> Term:
-    """The condition of a `where`: 1 and 0 stand for a comparison elsewhere."""
+    """The condition of a `where`; 1 and 0 represent a comparison elsewhere."""
     match value.head:
         case Call("where") if len(value.args) == 3 and _is_flag(value):
             return value.args[0]
@@ -114,7 +114,7 @@ def _is_flag(value: Term) -> bool:
 
 
 def _is_truth(value: Term, depth: int = _DEEPEST_TRUTH) -> bool:
-    """Whether torch holds it as true and false: a comparison, or what such are joined to."""
+    """True if torch uses a boolean: a comparison, or a combination of comparisons."""
     match value.head:
         # a chain of `&` is judged so far down alone: terms share parts, and a tree of them is
         # exponential
@@ -136,7 +136,7 @@ def _flag(name: str, left: Term, right: Term) -> Term:
 
 
 def added(left: Term, right: Term) -> Term:
-    """A sum; of what is true or false, whether one is true."""
+    """A sum; for booleans, true if any is true."""
     return larger(left, right) if _is_truth(left) and _is_truth(right) else plus(left, right)
 
 
@@ -159,7 +159,7 @@ def _refuse_other_types(name: str, kinds: Sequence[Any]) -> None:
 
 
 def _converted(name: str, value: Any, kinds: Sequence[Any]) -> Any:
-    """A tensor of floating point; whole numbers would drop what is behind the point."""
+    """A floating-point tensor; integers would lose the fractional part."""
     _refuse_other_types(name, kinds)
     # `.to("cpu")` changes nothing, `.to(torch.float32)` makes truths numbers
     if name in {"float", "double"} or any(hasattr(kind, "path") for kind in kinds):
@@ -198,7 +198,7 @@ def torch_function(
 
 
 def method(name: str, arguments: list[Any], keywords: Mapping[str, Any]) -> Any:
-    """A method of a tensor; `torch.name(x)` is the same."""
+    """A method of a tensor, equivalent to `torch.name(x)`."""
     # a new value: what is changed in place is then nobody else's
     if name == "clone":
         return elementwise(same, arguments[0])
@@ -243,7 +243,7 @@ def _size(name: str, shape: list[int], dim: int | None = None) -> int | list[int
 
 
 def is_tensor(value: Any) -> bool:
-    """Whether a value is a tensor, whole or by its elements."""
+    """True if a value is a tensor, complete or by elements."""
     return isinstance(value, np.ndarray | Whole)
 
 

@@ -1,4 +1,4 @@
-"""Gives the functions of torch that make tensors or move their elements their meaning."""
+"""Translates torch functions that create tensors or rearrange their elements."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def _split(array: Elements, sizes: Any, dim: int = 0) -> list[Elements]:
 
 
 def _einsum(equation: str, *operands: Elements) -> Elements:
-    """Σ over the letters that the result does not have, of products of elements."""
+    """An einsum: Σ over the letters missing in the result, of products of elements."""
     given, arrow, result = equation.replace(" ", "").partition("->")
     # implicit results, repeated letters and `...` are forms of their own, refused
     letters = given.split(",")
@@ -204,7 +204,7 @@ MAKERS: Mapping[str, Callable[..., Any]] = {
     "linspace": _linspace,
     "eye": _eye,
 }
-"""Functions that make a tensor; of another one they see the shape alone."""
+"""Functions that create a tensor; they use only the shape of another one."""
 
 MOVES: Mapping[str, Callable[..., Any]] = {
     "__getitem__": _index,
@@ -241,4 +241,4 @@ MOVES: Mapping[str, Callable[..., Any]] = {
     "einsum": _einsum,
     "prod": _product,
 }
-"""Functions and methods that move, sum or compare the elements of tensors."""
+"""Functions and methods that rearrange, sum or compare elements of tensors."""

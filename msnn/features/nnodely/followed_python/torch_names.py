@@ -1,4 +1,4 @@
-"""Lists the functions of torch that a translated function may call, by what they become."""
+"""Lists the supported torch functions, with their translations."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ ARGUMENTS = dict.fromkeys(
     ],
     2,
 )
-"""How many arguments they take; one where nothing stands here."""
+"""Number of arguments; 1 if not listed."""
 
 NUMBERS = {"pi": math.pi, "e": math.e, "inf": math.inf}
 """Members of torch that are numbers."""

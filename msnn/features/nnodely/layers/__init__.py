@@ -1,1 +1,1 @@
-"""Writes relations that have weights, sets or tables as layers of a spec."""
+"""Writes relations with weights, sets or tables as layers of a spec."""

@@ -1,4 +1,4 @@
-"""Writes fuzzy sets as a layer, or as formulas where no layer has them."""
+"""Writes fuzzy sets as a layer, or as formulas if no layer is suitable."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SHAPES = {"Triangular": "triangular", "Rectangular": "rectangular"}
 def fuzzified(
     functions: Functions, layers: Layers, name: str, value: Value, findings: Findings
 ) -> Value:
-    """The membership of a scalar in each set of a function of the file."""
+    """The membership of a scalar in each set, for a function of the file."""
     given = functions.file.Functions[name]
     centers = [float(c) for c in given.centers or []]
     count = (given.dim_out or {}).get("dim", 0)
@@ -51,7 +51,7 @@ def fuzzified(
 def _settings(
     functions: Functions, name: str, given: Function, count: int
 ) -> dict[str, Any] | None:
-    """The shape of the sets as a layer says it; None where each set has another function."""
+    """The shape of the sets as a layer option; None if sets have different functions."""
     shape = given.functions
     if isinstance(shape, str) and shape in _SHAPES:
         return {} if shape == "Triangular" else {"membership": _SHAPES[shape]}

@@ -1,4 +1,4 @@
-"""Declares the layers of a spec for relations that have weights, sets or tables."""
+"""Declares the layers of a spec for relations with weights, sets or tables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from msnn.features.nnodely.terms.values import ShapeError, Value, ValueOperation
 
 @dataclass(frozen=True, slots=True)
 class Weighted:
-    """A relation with a matrix and maybe an offset; equal ones are one layer."""
+    """A relation with a matrix and an optional offset; equal ones share a layer."""
 
     kind: str
     weight: str
@@ -34,9 +34,9 @@ class Layers:
     parameters: Parameters
     values: ValueOperations
     shared: frozenset[str]
-    """Arrays that more than one layer or formula uses."""
+    """Arrays used by several layers or formulas."""
     copied: dict[str, None] = field(default_factory=dict[str, None])
-    """Those of them that a layer has to have for itself."""
+    """Shared arrays that a layer must own."""
     declared: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
     _known: dict[Any, str] = field(default_factory=dict[Any, str])
 
@@ -63,14 +63,14 @@ class Layers:
         return self.values.along(lambda term: call(name, term, dim=out), value, out)
 
     def declare(self, wanted: str, key: Any, settings: dict[str, Any]) -> str:
-        """A layer with settings of its own; equal keys are one."""
+        """A layer with settings; equal keys share one layer."""
         if key not in self._known:
             self._known[key] = self.names.free(wanted)
             self.declared[self._known[key]] = settings
         return self._known[key]
 
     def along_other(self, term: Term, kind: str) -> Term:
-        """Fuzzy sets once more, along a dimension that no other value has."""
+        """A copy of fuzzy sets along a separate dimension."""
         head = term.head
         settings = self.declared.get(head.name) if isinstance(head, Call) else None
         if not isinstance(head, Call) or settings is None or "fuzzify" not in settings:
@@ -81,7 +81,7 @@ class Layers:
         return Term(Call(name), term.args, term.window, term.dim)
 
     def matrix(self, layer: Weighted, rows: int) -> NDArray[np.float64]:
-        """The weights of a layer over so many samples or elements; offsets fit them."""
+        """The weights of a layer over so many samples or elements, with fitting offsets."""
         weight = self.parameters.numbers(layer.weight).values
         if weight.ndim != 2 or weight.shape[0] != rows:
             shape = " × ".join(map(str, weight.shape)) or "one number"
@@ -145,7 +145,7 @@ class Layers:
             self._copy(bias)
 
     def _over_pieces(self, layer: Weighted, value: Value, out: int) -> Value:
-        """The filter of a window that is put together: a matrix times a list."""
+        """The filter for a concatenated window: a matrix times a list."""
         matrix = Term(self.parameters.term(layer.weight).head, (), None, out)
         whole = self.values.whole(value)
         term = infix("@", matrix, Term(whole.head, whole.args, None, 1))

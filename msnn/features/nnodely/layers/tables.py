@@ -1,4 +1,4 @@
-"""Writes a table of nnodely as it is computed there: along the line of the nearest knot."""
+"""Writes a table with nnodely's interpolation: along the line of the nearest knot."""
 
 from __future__ import annotations
 

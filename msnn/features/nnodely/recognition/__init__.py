@@ -1,1 +1,1 @@
-"""Recognises relations that stand together for one thing of the language."""
+"""Recognises groups of relations that correspond to one construct of the language."""

@@ -1,4 +1,4 @@
-"""Recognises the integrals and derivatives in time that nnodely writes as loops of relations."""
+"""Recognises time integrals and derivatives, which nnodely writes as loops of relations."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _ringing(graph: Graph, state: str, source: str) -> Recognised | None:
 
 
 def _slope(graph: Graph, name: str) -> str | None:
-    """The buffer of whose newest samples a relation is the slope."""
+    """The buffer whose derivative a relation is, computed from its newest samples."""
     quotient = graph.pair(name, "Div")
     if quotient is None or quotient[1] != _STEP:
         return None
@@ -88,7 +88,7 @@ def _slope(graph: Graph, name: str) -> str | None:
 
 
 def _neighbours(graph: Graph, newest: str, older: str) -> str | None:
-    """The connected buffer whose newest sample and the one before it two relations are."""
+    """The connected buffer whose two newest samples these relations are."""
     buffer = graph.sample(newest, 0)
     if buffer is None or graph.sample(older, 1) != buffer:
         return None
@@ -99,7 +99,7 @@ def _neighbours(graph: Graph, newest: str, older: str) -> str | None:
 
 
 def _is_own_past(graph: Graph, name: str, state: str) -> bool:
-    """Whether a relation is the state's last value, which nothing else reads."""
+    """True if a relation is the state's previous value and has no other use."""
     given = graph.file.Inputs[state]
     is_last = graph.sample(name, 0) == state and given.sw == [-1, 0] and given.tw is None
     # a state that others read has to stay one

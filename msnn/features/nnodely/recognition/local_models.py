@@ -1,4 +1,4 @@
-"""Recognises the cells of local models, which nnodely writes out one after the other."""
+"""Recognises the cells of local models, which nnodely writes as separate relations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FEWEST = 2
 
 @dataclass(frozen=True, slots=True)
 class _Sum:
-    """Σ cell · activation over all sets of all activations, in their order."""
+    """Σ cell · activation over all sets of all activations, in order."""
 
     cells: tuple[str, ...]
     activations: tuple[str, ...]
@@ -83,7 +83,7 @@ def _sum(graph: Graph, name: str) -> _Sum | None:
 
 
 def _selected(graph: Graph, name: str) -> Iterator[tuple[str, int, int]]:
-    """The activations of a product, with their sizes and the set of each; nothing of another."""
+    """The activations in a product, with their sizes and set indices; empty for others."""
     found: list[tuple[str, int, int]] = []
     rest: str | None = name
     while rest is not None:
@@ -100,7 +100,7 @@ def _selected(graph: Graph, name: str) -> Iterator[tuple[str, int, int]]:
 
 
 def _of_one_value(whole: _Sum) -> Recognised | None:
-    """Cells that are all the same relation: its value times the sum of the activations."""
+    """Cells that are one relation: its value times the sum of the activations."""
     if len(set(whole.cells)) != 1 or len(whole.activations) != 1:
         return None
     cell, [activation] = whole.cells[0], whole.activations
@@ -115,7 +115,7 @@ def _of_one_value(whole: _Sum) -> Recognised | None:
 
 
 def _of_layers(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised | None:
-    """Cells that are filters or linear maps of one value, each with weights of its own."""
+    """Cells that are filters or linear maps of one value, each with its own weights."""
     kinds: set[tuple[Any, ...]] = set()
     layers: list[Weighted] = []
     for cell in whole.cells:
@@ -169,7 +169,7 @@ def _of_layers(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised 
 
 
 def _of_functions(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised | None:
-    """Cells that are one function of the same values, with numbers of their own in each set."""
+    """Cells that are one function of the same values, with separate parameters per set."""
     codes: set[tuple[Any, ...]] = set()
     own: list[list[str]] = []
     for cell in whole.cells:
@@ -216,7 +216,7 @@ def _of_functions(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognis
 
 
 def _degrees(relations: Followed, whole: _Sum) -> list[Term]:
-    """The activations along dimensions of their own."""
+    """The activations, each along its own dimension."""
     found: list[Term] = []
     for k, activation in enumerate(whole.activations):
         value = relations.operand(activation)

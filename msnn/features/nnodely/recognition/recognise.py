@@ -1,4 +1,4 @@
-"""Finds relations that stand for many: local models, integrals and derivatives in time."""
+"""Finds groups of relations: local models, time integrals and derivatives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msnn.features.nnodely.saved_file.graph import Graph
 
 
 def recognise(file: File) -> Mapping[str, Recognised]:
-    """Finds the relations that are the whole of a form made of many relations."""
+    """Finds the final relations of recognised groups."""
     graph = Graph(file)
     # of a relation that is both, the local model stands
     return {**calculus(graph), **local_models(graph)}

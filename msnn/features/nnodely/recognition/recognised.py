@@ -1,4 +1,4 @@
-"""Describes what many relations are together, and what it needs to be followed."""
+"""Describes a recognised group of relations and its dependencies."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Followed(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Recognised:
-    """The relations that it needs, and how its value is made of theirs."""
+    """The required relations, and the construction of the value from theirs."""
 
     needs: tuple[str, ...]
     make: Callable[[Followed], Value]

@@ -1,1 +1,1 @@
-"""Reads the file that nnodely wrote: its JSON, its grammar, its graph of relations."""
+"""Reads nnodely's file: its JSON, its grammar, its graph of relations."""

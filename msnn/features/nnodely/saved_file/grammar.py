@@ -1,4 +1,4 @@
-"""Reads the JSON of an nnodely 1.x model as the values that its grammar allows, and no others."""
+"""Validates the JSON of an nnodely 1.x model against its grammar."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Info(_Strict):
 
 
 class Input(_Strict):
-    """A signal: its size, the union of the windows that are read of it, and what feeds it."""
+    """A signal: its size, the union of its windows, and its feedback."""
 
     dim: Size
     sw: Annotated[list[Samples], Field(min_length=2, max_length=2)] | None = None
@@ -81,7 +81,7 @@ def _relation(given: list[Any]) -> list[Any]:
 
 
 def names_in(operands: Any) -> list[str]:
-    """The names in the operands of a relation; none of what is no list."""
+    """The names in the operands of a relation; empty for invalid ones."""
     if not isinstance(operands, list):
         return []
     return [one for one in cast("list[Any]", operands) if isinstance(one, str)]
@@ -101,7 +101,7 @@ class File(_Strict):
 
 
 def read_file(text: JsonText) -> File:
-    """The model of a JSON text. Raises SpecError with every value that has a wrong form."""
+    """The model in a JSON text. Raises SpecError with all invalid values."""
     try:
         file = File.model_validate(text.value)
     except ValidationError as fault:
@@ -116,7 +116,7 @@ def read_file(text: JsonText) -> File:
 
 
 def _compared(file: File) -> dict[str, str]:
-    """The relations that the losses of a model only trained compare, but for windows of inputs."""
+    """The relations compared by training losses, without windows of inputs."""
     sides = [side for one in file.Minimizers.values() for side in (one.A, one.B)]
     return {side: side for side in sides if side in file.Relations and not _reads(file, side)}
 

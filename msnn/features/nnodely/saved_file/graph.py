@@ -1,4 +1,4 @@
-"""Reads the relations of a file as a graph: who needs whom, and what form a relation has."""
+"""Reads the relations of a file as a graph, and matches their forms."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from msnn.features.nnodely.saved_file.grammar import File, names_in
 
 @dataclass(frozen=True)
 class Graph:
-    """The relations of a file, as far as they have the form of relations."""
+    """The valid relations of a file."""
 
     file: File
 
     @cached_property
     def uses(self) -> Mapping[str, int]:
-        """The number of times that a name is an operand, an output, or fed back."""
+        """How often a name is an operand, an output, or fed back."""
         found: Counter[str] = Counter(self.file.Outputs.values())
         for name in self.file.Relations:
             found.update(self.operands(name))
@@ -30,25 +30,25 @@ class Graph:
         return found
 
     def operands(self, name: str) -> list[str]:
-        """The operands of a relation; none of what is no relation."""
+        """The operands of a relation; empty for invalid ones."""
         return names_in(self.file.Relations.get(name, ["", []])[1])
 
     def pair(self, name: str, kind: str) -> tuple[str, str] | None:
-        """The two operands of a relation of a kind; None where it is another one."""
+        """The two operands of a relation of that kind; None for other kinds."""
         operands = self.operands(name)
         if name in self.file.Relations and self.file.Relations[name][0] == kind:
             return (operands[0], operands[1]) if len(operands) == 2 else None
         return None
 
     def is_constant(self, name: str, value: float) -> bool:
-        """Whether a name is a constant of one number."""
+        """True if a name is a scalar constant."""
         if name not in self.file.Constants:
             return False
         # nnodely writes numbers with zero, one or two brackets
         return self.file.Constants[name].values in (value, [value], [[value]])
 
     def sample(self, name: str, age: int) -> str | None:
-        """The input of which a relation is the sample of that age; None where it is none."""
+        """The input of which a relation is the sample at that lag; None for others."""
         given = self.file.Relations.get(name)
         # [−1, 0] is the current sample, [−2, −1] the one before
         wanted = ["SamplePart", -1, [-1 - age, -age]]

@@ -1,4 +1,4 @@
-"""Reads JSON text into values, and knows the place of each in the text."""
+"""Parses JSON text to values, with the place of each."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import SourceText, Span
 
 LARGEST = 64_000_000
-"""Characters of a file that is read."""
+"""Maximum characters of a file."""
 DEEPEST = 32
-"""Lists and objects inside each other; a saved model has seven."""
+"""Maximum nesting; a saved model has seven levels."""
 _FURTHEST_PLACE = 6
-"""Steps from the top to the values whose places are kept: numbers deeper down are alike."""
+"""Depth up to which places of values are recorded."""
 _FURTHEST_ELEMENT = 64
-"""Elements of a list whose places are kept: a fault in a later one is shown at the list."""
+"""List elements whose places are recorded; later faults are located at the list."""
 MOST_VALUES = 4_000_000
-"""Of a file: one that has an empty list in every third character takes thirty times its size."""
+"""Maximum number of values: a file of empty lists needs thirty times its size in memory."""
 _BLANK = re.compile(r"[ \t\n\r]*")
 _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
 _WORD = re.compile(r"[A-Za-z_+-]+|.", re.DOTALL)
@@ -42,7 +42,7 @@ class JsonText:
     places: Mapping[Path, tuple[int, int]]
 
     def place(self, *path: str | int) -> Span:
-        """The place of the value at a path, or of the nearest one around it."""
+        """The place of the value at a path, or of the nearest enclosing one."""
         while path and path not in self.places:
             path = path[:-1]
         start, end = self.places[path]
@@ -50,7 +50,7 @@ class JsonText:
 
 
 def read_json(text: str, name: str) -> JsonText:
-    """The values of a text. Raises SpecError where it is not JSON, or says a key twice."""
+    """The values of a text. Raises SpecError for invalid JSON and duplicate keys."""
     reader = _Reader(SourceText(name, text))
     if len(text) > LARGEST:
         raise reader.refused(0, f"it has more than {LARGEST:,} characters", "")
@@ -64,7 +64,7 @@ def read_json(text: str, name: str) -> JsonText:
 
 
 def path_text(path: Path) -> str:
-    """A path as people write it: `Relations.Fir8[1]`."""
+    """A path as text: `Relations.Fir8[1]`."""
     text = ""
     for step in path:
         text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step

@@ -1,4 +1,4 @@
-"""Finds the arrays that several layers and formulas of a file use."""
+"""Finds arrays used by several layers and formulas of a file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from msnn.features.nnodely.saved_file.grammar import File, names_in
 
 
 def shared_arrays(file: File) -> frozenset[str]:
-    """Weights that stand in layers of different kinds, or in a formula too."""
+    """Weights used in layers of different kinds, or also in a formula."""
     arrays = {*file.Parameters, *file.Constants}
     layers: set[tuple[str, ...]] = set()
     uses: Counter[str] = Counter()
@@ -25,7 +25,7 @@ def shared_arrays(file: File) -> frozenset[str]:
 
 
 def shared_across(file: File) -> frozenset[str]:
-    """The arrays that layers have with rows and columns exchanged: matrices of `Linear`."""
+    """Arrays that layers use transposed: matrices of `Linear`."""
     layers = (rest for kind, _, *rest in file.Relations.values() if kind == "Linear")
     weights = {str(rest[0]) for rest in layers if rest}
     return shared_arrays(file) & weights

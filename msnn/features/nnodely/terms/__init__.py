@@ -1,1 +1,1 @@
-"""Builds what a spec says of a model: terms, arrays of them, values along time, names."""
+"""Builds expressions of a spec: terms, arrays of terms, values along time, names."""

@@ -1,4 +1,4 @@
-"""Gives the functions of torch that move or sum elements their meaning on arrays of terms."""
+"""Implements torch functions that rearrange or sum elements, on arrays of terms."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from msnn.features.nnodely.terms.terms import (
 )
 
 Elements: TypeAlias = NDArray[np.object_]
-"""A tensor, a term for each element."""
+"""A tensor with a term per element."""
 
 MOST = 10_000
-"""Elements of one tensor, of each row."""
+"""Maximum elements of a tensor, per row."""
 ROWS = 3
-"""Rows that are followed at once, to see that none depends on another."""
+"""Rows evaluated together, to detect dependencies between them."""
 
 
 class NotTranslatedError(Exception):
-    """A part of a function that is not translated; says why."""
+    """A part of a function is not supported; the text gives the reason."""
 
 
 def tensor(value: Any) -> Elements:
-    """Numbers, lists of them or terms as an array."""
+    """Numbers, lists of numbers or terms as an array."""
     if isinstance(value, np.ndarray):
         return cast("Elements", value)
     if isinstance(value, Term):
@@ -48,7 +48,7 @@ def tensor(value: Any) -> Elements:
 
 
 def refuse_large(size: float) -> None:
-    """Ends a tensor of more elements than are followed."""
+    """Refuses a tensor with too many elements."""
     if size > ROWS * MOST:
         raise NotTranslatedError(f"a tensor has more than {MOST:,} elements")
 
@@ -61,7 +61,7 @@ def _filled(value: Term) -> Elements:
 
 
 def elementwise(make: Callable[..., Term], *operands: Any) -> Elements:
-    """A function of one element of each, with the shapes of torch and numpy."""
+    """A function of one element of each, with broadcasting as in torch and numpy."""
     arrays = [_operand(operand) for operand in operands]
     try:
         together = np.broadcast_shapes(*(array.shape for array in arrays))
@@ -91,13 +91,13 @@ def _term(value: Any) -> Term:
 
 
 def total(terms: Sequence[Term]) -> Term:
-    """The sum of terms; numbers that are 0 add nothing."""
+    """The sum of terms; zeros are omitted."""
     kept = [t for t in terms if not (isinstance(t.head, Number) and t.head.value == 0)]
     return reduce(plus, kept) if kept else number(0)
 
 
 def product(left: Term, right: Term) -> Term:
-    """A product in a sum of them; 0 and 1 are left out."""
+    """A product within a sum; factors 0 and 1 are simplified."""
     for one, other in ((left, right), (right, left)):
         if isinstance(one.head, Number):
             if one.head.value == 0:
@@ -108,7 +108,7 @@ def product(left: Term, right: Term) -> Term:
 
 
 def summed(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> Elements:
-    """The sum over axes, of all without."""
+    """The sum over axes, by default over all."""
     axes = range(array.ndim) if dim is None else (dim,) if isinstance(dim, int) else tuple(dim)
     axes = {axis % max(array.ndim, 1) for axis in axes}
     # what is summed moves behind, in its order: terms are added as torch's memory has them
@@ -152,7 +152,7 @@ def matmul(left: Elements, right: Elements) -> Elements:
 
 
 def softmax(array: Elements, dim: int) -> Elements:
-    """Shares that sum to 1 along an axis, 1 / Σⱼ exp(xⱼ − xᵢ): exp(xᵢ) / Σⱼ exp(xⱼ) overflows."""
+    """Softmax along an axis as 1 / Σⱼ exp(xⱼ − xᵢ), because exp(xᵢ) / Σⱼ exp(xⱼ) overflows."""
     moved = np.moveaxis(array, dim, -1)
     above = elementwise(minus, moved[..., None, :], moved[..., :, None])
     sums = summed(elementwise(partial(call, "exp"), above), -1, keepdim=False)
@@ -160,7 +160,7 @@ def softmax(array: Elements, dim: int) -> Elements:
 
 
 def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:
-    """The largest or smallest element along an axis."""
+    """The maximum or minimum along an axis."""
     moved = np.moveaxis(array, dim, -1)
     out = np.empty(moved.shape[:-1], dtype=object)
     for index in np.ndindex(*out.shape):
@@ -170,7 +170,7 @@ def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:
 
 
 def shaped(array: Elements, shape: Sequence[int]) -> Elements:
-    """Another shape of the same elements; −1 is what is left."""
+    """Reshapes; −1 is inferred."""
     try:
         return array.reshape(tuple(shape))
     except (ValueError, TypeError):
@@ -178,7 +178,7 @@ def shaped(array: Elements, shape: Sequence[int]) -> Elements:
 
 
 def squeezed(array: Elements, dim: int | None) -> Elements:
-    """Without an axis of one element, as torch: a longer axis stays."""
+    """Removes an axis of length 1, like torch; longer axes stay."""
     if dim is None:
         return array.reshape([n for n in array.shape if n != 1])
     return np.squeeze(array, axis=dim) if array.shape[dim] == 1 else array
@@ -191,18 +191,18 @@ def repeated(array: Elements, counts: Sequence[int]) -> Elements:
 
 
 def expanded(array: Elements, shape: Sequence[int]) -> Elements:
-    """One element along an axis as many; −1 keeps an axis."""
+    """Expands axes of length 1; −1 keeps an axis."""
     old = (1,) * (len(shape) - array.ndim) + array.shape
     wanted = [n if m == -1 else m for m, n in zip(shape, old, strict=True)]
     return np.broadcast_to(array.reshape(old), wanted)
 
 
 def parts(array: Elements, size: int | Sequence[int], dim: int) -> list[Elements]:
-    """Pieces along an axis, of one size or of those."""
+    """Splits along an axis into parts of one size, or of given sizes."""
     length = array.shape[dim]
     sizes = [size] * -(-length // size) if isinstance(size, int) else list(size)
     return list(np.split(array, np.cumsum(sizes)[:-1], axis=dim))
 
 
 KEYWORDS: Mapping[str, str] = {"axis": "dim", "keepdims": "keepdim", "input": "self", "out": "?"}
-"""Other words of torch for its keywords."""
+"""Alternative names of keywords in torch."""

@@ -1,4 +1,4 @@
-"""Names the dimensions of a spec by their size, so that values of one size go together."""
+"""Names the dimensions of a spec by size, so that values of one size are compatible."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Dims:
         self._labelled: set[str] = set()
 
     def of(self, size: int, kind: str = "dim") -> str:
-        """The dimension of that size; of another kind it is another one."""
+        """The dimension of that size and kind."""
         key = (kind, size)
         if key not in self._names:
             self._names[key] = self._free_name(f"{kind}{size}")
@@ -23,7 +23,7 @@ class Dims:
         return self._names[key]
 
     def label(self, dim: str, index: int) -> str:
-        """The label of an element; the dimension has labels then."""
+        """The label of an element, which adds labels to the dimension."""
         self._labelled.add(dim)
         return f"{dim}_{index}"
 

@@ -1,4 +1,4 @@
-"""Gives everything of a model a name that a spec can have."""
+"""Converts names of a model to valid names of a spec."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LONGEST = 60
 
 
 class TakenNames:
-    """The names that are taken, and which new name an old one has."""
+    """The used names, and the new name of each old one."""
 
     def __init__(self) -> None:
         # functions of the language and its words: an entry of that name could not be told from them
@@ -21,14 +21,14 @@ class TakenNames:
         self._new: dict[tuple[str, str], str] = {}
 
     def of(self, kind: str, old: str) -> str:
-        """The name of something of the file: its own where that is possible."""
+        """The new name of an item of the file, unchanged if possible."""
         key = (kind, old)
         if key not in self._new:
             self._new[key] = self.free(old)
         return self._new[key]
 
     def free(self, wanted: str) -> str:
-        """A name like the wanted one that nothing has; it is taken then."""
+        """A unique name similar to `wanted`, which is then reserved."""
         name = legal_name(wanted)
         found, count = name, 1
         while found in self._taken:
@@ -39,7 +39,7 @@ class TakenNames:
 
 
 def legal_name(wanted: str) -> str:
-    """A name that the grammar allows and no word of the language takes."""
+    """A valid name that is not reserved by the language."""
     name = _OTHER.sub("_", normalised(wanted)).strip("_")[:_LONGEST].rstrip("_")
     if not is_name(name):
         name = f"n_{name}" if name else "unnamed"

@@ -1,4 +1,4 @@
-"""Builds expressions of the language as trees that can be cut to a part of their window."""
+"""Builds expressions as trees whose windows can be sliced."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import TypeAlias
 import numpy as np
 
 LARGEST = float(np.finfo(np.float32).max)
-"""Of single precision, in which nnodely computes."""
+"""Largest number in single precision, in which nnodely computes."""
 ATOM, POWER, SIGN, PRODUCT, SUM = 5, 4, 3, 2, 1
-"""How tightly a text binds."""
+"""Precedence of a text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,19 +39,19 @@ class Named:
     name: str
     axes: tuple[str, ...] = ()
     timed: bool = False
-    """Whether its last axis runs along the window."""
+    """True if its last axis is the window."""
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """An equation that stands for itself: a gradient is taken by it."""
+    """An equation with a name, for a gradient."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Infix:
-    """An operator between two operands, of the left one first where it binds alike."""
+    """A binary operator, left-associative."""
 
     sign: str
     binding: int
@@ -64,12 +64,12 @@ class Minus:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call; `rest` is what follows the operands in the brackets."""
+    """A call; `rest` are the arguments after the operands."""
 
     name: str
     rest: str = ""
     steady: bool = True
-    """Whether each sample of the result is that of the same samples of the operands."""
+    """True if each sample of the result depends on the same sample of the operands."""
 
 
 Head: TypeAlias = Number | Signal | Named | Held | Infix | Minus | Call
@@ -78,31 +78,31 @@ Head: TypeAlias = Number | Signal | Named | Held | Infix | Minus | Call
 @dataclass(frozen=True, slots=True, eq=False)
 # eq=False: a term is its identity. Parts are shared by it, and comparing trees would be exponential
 class Term:
-    """An expression: what it does, and with what."""
+    """An expression: an operation and its operands."""
 
     head: Head
     args: tuple[Term, ...] = ()
     window: int | None = None
-    """Samples along its window; None for one value."""
+    """Number of samples along its window; None for a single value."""
     dim: int = 1
-    """Elements of its dimension; 1 for a scalar."""
+    """Number of elements along its dimension; 1 for a scalar."""
 
 
 _FOLDED = {"+": add, "-": sub, "*": mul}
 
 
 class CutError(Exception):
-    """A window of a value whose samples are not known one by one."""
+    """A window of a value whose samples are not available separately."""
 
 
 @dataclass(slots=True)
 class Cutter:
-    """Takes samples out of windows; the same samples of one term are one term."""
+    """Extracts samples from windows; equal samples of one term are shared."""
 
     samples: Callable[[Term, int, int], Term]
-    """A part of a parameter along its last axis."""
+    """A slice of a parameter along its last axis."""
     stacked: Callable[[Sequence[Term]], Term]
-    """Samples as the part of a parameter that runs along the window."""
+    """Samples as a slice of a parameter along the window."""
     _known: dict[tuple[int, int, int], tuple[Term, Term]] = field(
         default_factory=dict[tuple[int, int, int], "tuple[Term, Term]"]
     )
@@ -136,7 +136,7 @@ class Cutter:
 
 
 def after_operands(root: Term, is_done: Callable[[Term], bool]) -> Iterator[Term]:
-    """Every term of a tree that is not done, operands before what is made of them."""
+    """Yields the unprocessed terms of a tree, operands first."""
     # a stack of our own: chains of relations are longer than Python lets functions nest
     stack = [(root, False)]
     seen: set[int] = set()
@@ -158,14 +158,14 @@ def number(value: float) -> Term:
 
 
 def joined(head: Head, *args: Term, dim: int | None = None) -> Term:
-    """An operation element by element and sample by sample."""
+    """An elementwise operation, applied to each sample."""
     windows = [arg.window for arg in args if arg.window is not None]
     size = max((arg.dim for arg in args), default=1) if dim is None else dim
     return Term(head, args, windows[0] if windows else None, size)
 
 
 def infix(sign: str, left: Term, right: Term) -> Term:
-    """`left sign right`; of numbers their result, and what changes nothing is left out."""
+    """`left sign right`, with constant folding and simplification."""
     if isinstance(left.head, Number) and isinstance(right.head, Number) and sign in _FOLDED:
         return number(_FOLDED[sign](left.head.value, right.head.value))
     if sign == "+" and _is(left, 0.0) and right.args:
@@ -196,22 +196,22 @@ def quotient(left: Term, right: Term) -> Term:
 
 
 def larger(left: Term, right: Term) -> Term:
-    """The larger one."""
+    """The maximum."""
     return call("max", left, right)
 
 
 def smaller(left: Term, right: Term) -> Term:
-    """The smaller one."""
+    """The minimum."""
     return call("min", left, right)
 
 
 def same(term: Term) -> Term:
-    """The term itself."""
+    """The term unchanged."""
     return term
 
 
 def power(base: Term, exponent: Term) -> Term:
-    """A power: `x ** 2` of a known exponent."""
+    """A power with a known exponent: `x ** 2`."""
     if _is(exponent, 1.0):
         return base
     if isinstance(exponent.head, Number):
@@ -220,7 +220,7 @@ def power(base: Term, exponent: Term) -> Term:
 
 
 def call(name: str, *args: Term, rest: str = "", dim: int | None = None) -> Term:
-    """A function element by element, or along the dimension alone."""
+    """A function applied elementwise, or along the dimension only."""
     return joined(Call(name, rest), *args, dim=dim)
 
 
@@ -240,7 +240,7 @@ def number_text(value: float) -> str:
 
 
 def shortest(value: float) -> float:
-    """The number with the fewest digits that single precision keeps as this one."""
+    """The shortest number with the same value in single precision."""
     if abs(value) > LARGEST:
         return float(value)
     single = np.float32(value)
@@ -249,7 +249,7 @@ def shortest(value: float) -> float:
 
 
 def text_of(term: Term, operands: Sequence[tuple[str, int]]) -> tuple[str, int]:
-    """The text of a term, given those of its operands, and how tightly it binds."""
+    """The text of a term from those of its operands, and its precedence."""
     match term.head:
         case Number(value):
             return number_text(value), SIGN if value < 0 else ATOM
@@ -271,7 +271,7 @@ def text_of(term: Term, operands: Sequence[tuple[str, int]]) -> tuple[str, int]:
 
 
 def text_of_whole(root: Term) -> str:
-    """The text of a term with all that it is made of."""
+    """The text of a term with all its operands."""
     texts: dict[int, tuple[str, int]] = {}
     for node in after_operands(root, lambda one: False):
         texts[id(node)] = text_of(node, [texts[id(arg)] for arg in node.args])

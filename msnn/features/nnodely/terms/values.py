@@ -1,4 +1,4 @@
-"""Follows a value of nnodely, samples by elements, as pieces of the language along time."""
+"""Represents a value of nnodely, samples by elements, as terms along time."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from msnn.features.nnodely.terms.dims import Dims
 from msnn.features.nnodely.terms.terms import Call, Cutter, Named, Term, call, infix, joined, number
 
 _MOST = 10_000
-"""Values that are joined one by one, along time or side by side."""
+"""Maximum number of values joined along time or elements."""
 
 
 class ShapeError(Exception):
-    """Values whose windows or sizes do not go together; says which."""
+    """Values have incompatible windows or sizes; the text names them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """`window` samples of `dim` elements: terms one after the other in time."""
+    """`window` samples with `dim` elements: consecutive terms in time."""
 
     window: int
     dim: int
@@ -27,25 +27,25 @@ class Value:
 
 
 def refuse_many(count: int) -> None:
-    """Ends a value of more pieces than a spec can join."""
+    """Refuses a value with too many parts."""
     if count > _MOST:
         raise ShapeError(f"more than {_MOST:,} values are joined")
 
 
 def one_piece(term: Term) -> Value:
-    """A value that one term writes."""
+    """A value written as one term."""
     return Value(term.window or 1, term.dim, (term,))
 
 
 @dataclass(frozen=True, slots=True)
 class ValueOperations:
-    """Makes values along time and along their elements."""
+    """Builds values from parts along time and elements."""
 
     dims: Dims
     cutter: Cutter
 
     def elementwise(self, make: Callable[..., Term], *values: Value) -> Value:
-        """A function of one sample and element of each; one value alone counts for all samples."""
+        """A function of one sample and element of each; a single value applies to all samples."""
         sizes = {value.dim for value in values} - {1}
         windows = {value.window for value in values} - {1}
         if len(sizes) > 1 or len(windows) > 1:
@@ -66,7 +66,7 @@ class ValueOperations:
         return Value(value.window, dim, tuple(make(piece) for piece in value.pieces))
 
     def samples(self, value: Value, first: int, end: int) -> Value:
-        """A part of the window."""
+        """A slice of the window."""
         if not 0 <= first < end <= value.window:
             raise ShapeError(f"samples {first} … {end - 1} of {value.window} do not exist")
         pieces: list[Term] = []
@@ -77,7 +77,7 @@ class ValueOperations:
         return Value(end - first, value.dim, tuple(pieces))
 
     def after(self, *values: Value) -> Value:
-        """Values one after the other in time."""
+        """Concatenates values along time."""
         sizes = {value.dim for value in values}
         if len(sizes) > 1:
             raise ShapeError("values of different sizes do not follow each other in time")
@@ -86,7 +86,7 @@ class ValueOperations:
         return Value(sum(value.window for value in values), sizes.pop(), pieces)
 
     def beside(self, *values: Value) -> Value:
-        """The elements of values one after the other."""
+        """Concatenates values along elements."""
         refuse_many(sum(value.dim for value in values))
         elements = [self.element(value, i) for value in values for i in range(value.dim)]
         return self.stacked(elements)
@@ -105,7 +105,7 @@ class ValueOperations:
         return Value(value.window, len(elements), value.pieces)
 
     def element(self, value: Value, index: int) -> Value:
-        """One element of each sample."""
+        """One element of every sample."""
         if not 0 <= index < value.dim:
             raise ShapeError(f"element {index} of {value.dim} does not exist")
         if value.dim == 1:
@@ -113,7 +113,7 @@ class ValueOperations:
         return self.along(lambda term: element_of(term, index, self.dims), value, 1)
 
     def whole(self, value: Value) -> Term:
-        """All samples as one term: a window, or an unnamed axis where it has several pieces."""
+        """All samples as one term: a window, or an unnamed axis for several parts."""
         if len(value.pieces) == 1:
             return value.pieces[0]
         refuse_many(value.window)
@@ -130,7 +130,7 @@ class ValueOperations:
 
 
 def element_of(term: Term, index: int, dims: Dims) -> Term:
-    """An element of a term with a dimension; of elements that stand side by side, that one."""
+    """An element of a term with a dimension, or the corresponding separate element."""
     match term.head:
         # no `part` of a `stack`: the element itself is shorter and shared
         case Call("stack") if len(term.args) == term.dim:
@@ -142,7 +142,7 @@ def element_of(term: Term, index: int, dims: Dims) -> Term:
 
 
 def filled(value: float, like: Value) -> Value:
-    """A number for each sample of a value, as a window where that is one."""
+    """A number for each sample of a value, in the form of a window."""
     if like.window == 1:
         return one_piece(number(value))
     # a number has no window; 0 times the value lends it one
