@@ -1,4 +1,4 @@
-"""Writes the public header: types with units, ranges and places in the spec, prototypes."""
+"""Writes the public header: types with units, ranges and spec lines, and prototypes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def header_text(
     the Jacobian and back.
     """
     printer = Printer(interface.prefix, interface.options.dtype)
-    # these have a bit in the result of the self-test
+    # the self-test reports these by a bit
     helpers = program.sample_time is not None or bool(interface.jacobian)
     return render(
         "header.h.j2",
@@ -43,8 +43,7 @@ def header_text(
         "Interface",
         doc=comment(program.doc) if program.doc else "",
         **origin(program.spec_hash),
-        # in double whatever the model computes in: callers derive timers from it, and 0.1f is
-        # another time
+        # always a double: callers derive timers from it, and 0.1f is a different time
         sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
         c_real="float" if interface.options.dtype == "float32" else "double",
         status=[_bit(interface, bit) for bit in step_bits(interface)],
@@ -69,7 +68,7 @@ def header_text(
 
 
 def about_text(interface: Generated, spec_hash: str, sample_time: str | None) -> str:
-    """`src/<prefix>_about.c`: where the code comes from, readable in the finished image.
+    """`src/<prefix>_about.c`: the origin of the code, as strings in the binary.
 
     `sample_time` is a literal of the program's real type.
     """
@@ -77,7 +76,9 @@ def about_text(interface: Generated, spec_hash: str, sample_time: str | None) ->
 
 
 def origin(spec_hash: str) -> dict[str, Any]:
-    """The tool, the spec and the identity of the export, as headers and `about_text` show them."""
+    """The version of msnn, the spec and the identity of the export, for headers and
+    `about_text`.
+    """
     return {
         "made_by": _text(f"msnn {__version__}"),
         "spec_sha256": _text(spec_hash),
@@ -91,7 +92,7 @@ def _text(text: str) -> dict[str, object]:
 
 
 def defined(macro: str, bit: int, meaning: str) -> dict[str, str]:
-    """A bit of a status as headers show it."""
+    """The definition of a status bit in a header, with its comment."""
     return {"comment": comment(meaning), "definition": f"#define {macro} {int(bit)}U"}
 
 
