@@ -31,12 +31,14 @@ FLAGS = (
     "-shared",
     "-fPIC",
 )
-"""No -ffast-math: gcc would link code that flushes denormals in the whole process, NaN tests
-would fail, and the math kernels would lose their exact roundings. No contraction: each compiler
-fuses other products. The emitter itself splits long sums, and writes `fused` where one rounding
-is enough (lanes/fused_products.py). With 50 instead of 500 candidates for spilling, gcc
-allocates registers of large models in about a fifth less time, and the code is as fast
-(benchmarks/kernel_build); clang ignores the flag."""
+"""No -ffast-math: gcc would link code that flushes denormals in the whole process, NaN tests would
+fail, and the math kernels would lose their exact roundings. No contraction: each compiler fuses
+other products. The emitter itself splits long sums, and writes `fused` where one rounding is enough
+(lanes/fused_products.py).
+
+The `lra` parameter limits gcc to 50 candidates for spilling instead of 500. For large models it
+then needs about a fifth less time, and the code is as fast (benchmarks/kernel_build). clang ignores
+the flag."""
 
 FAST = ("-O3", "-funroll-loops")
 
