@@ -15,9 +15,10 @@ _TYPES = {np.dtype(np.float64): "F64", np.dtype(np.float32): "F32", np.dtype(np.
 def safetensors_bytes(arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, str]) -> bytes:
     """The file's content; the library's own writer has a random order of metadata.
 
-    The format has eight bytes with the length of the header, then the header as JSON padded to a multiple of eight. After it come the
-    elements of each array in C order, little endian (huggingface.co/docs/safetensors, "Format").
-    Raises KeyError for a dtype other than float64, float32 and int64.
+    The format starts with eight bytes for the length of the header and the header as JSON, padded
+    to a multiple of eight. After it come the elements of each array in C order, little endian
+    (huggingface.co/docs/safetensors, "Format"). Raises KeyError for a dtype other than float64,
+    float32 and int64.
     """
     header: dict[str, Any] = {"__metadata__": dict(sorted(metadata.items()))}
     parts: list[bytes] = []
