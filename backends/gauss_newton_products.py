@@ -1,4 +1,4 @@
-"""Sums over rollouts what Gauss-Newton methods need of a loss."""
+"""Sums of residuals and Jacobians over rollouts, for Gauss-Newton methods."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ FloatArray = NDArray[np.float64]
 
 
 _ROUNDED = 1e-9
-"""Part by which two sums of the factors of the same rows may differ."""
+"""Maximum relative difference between two sums of the same row factors."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartBlocks:
-    """The blocks of the starts in the products of one loss: no run knows another's start."""
+    """The blocks of estimated initial states in the products of one loss; each run has its own."""
 
     cross: FloatArray
-    """JᵀK of each run, K the slopes in its start: (runs, learned, numbers of a start)."""
+    """JᵀK of each run, K the Jacobian in its initial state: (runs, learned, elements of a
+    start)."""
     curvature: FloatArray
     """KᵀK of each run."""
     slope: FloatArray
@@ -34,38 +35,40 @@ class StartBlocks:
         )
 
     def scaled(self, share: float, learned: FloatArray) -> StartBlocks:
-        """So many times these, of learned numbers with these slopes in other variables."""
-        # the learned numbers have other variables; those of a start stay what they are
+        """These blocks times `share`, for other learned variables with the derivatives
+        `learned`.
+        """
+        # only the learned parameters change variables, not the initial states
         cross = share * self.cross * learned[None, :, None]
         return StartBlocks(cross, share * self.curvature, share * self.slope)
 
 
 @dataclass(frozen=True, slots=True)
 class Products:
-    """Products of the residuals r of one loss and of their slopes J in the learned numbers."""
+    """Products of the residuals r of one loss and their Jacobian J in the learned parameters."""
 
     curvature: FloatArray
     """JᵀJ."""
     slope: FloatArray
     """Jᵀr."""
     squares: float
-    """rᵀr; the cost itself but for huber."""
+    """rᵀr; equals the cost, except for huber."""
     cost: float
     """Σ of the loss over its elements."""
     count: float
-    """Elements that are scored, each as often as the factor of its row says."""
+    """Number of scored elements, weighted by the factors of their rows."""
     left_out: float = 0.0
-    """Of these the ones without a share in the products, as their slopes are infinite."""
+    """Number of scored elements that the products exclude, as their derivatives are infinite."""
     starts: StartBlocks | None = None
-    """Where starts are unknowns too."""
+    """Blocks of estimated initial states, if any."""
 
     @property
     def is_left_out(self) -> bool:
-        """Whether everything that is scored is left out; sums of factors of rows are rounded."""
+        """True if all scored elements are excluded; sums of row factors have rounding errors."""
         return self.left_out >= (1.0 - _ROUNDED) * self.count
 
     def __add__(self, other: Products) -> Products:
-        # starts of other runs are other unknowns: whoever has some joins them
+        # initial states of different runs are different unknowns: `joined_runs` combines them
         assert self.starts is None
         assert other.starts is None
         return Products(
@@ -80,10 +83,10 @@ class Products:
 
 @dataclass(frozen=True, slots=True)
 class ProductsOfRuns:
-    """The products of one loss, in which each run has numbers of its own beside the shared ones."""
+    """The products of one loss if each run has its own unknowns in addition to the shared ones."""
 
     all: Products
-    """The products of the shared numbers, summed over the runs, with the blocks of each run."""
+    """The products of the shared parameters, summed over the runs, with the blocks of each run."""
     squares: FloatArray
     """rᵀr of each run."""
     cost: FloatArray
@@ -93,12 +96,12 @@ class ProductsOfRuns:
 
     @property
     def blocks(self) -> StartBlocks:
-        """The blocks of the numbers of each run."""
+        """The blocks of the unknowns of each run."""
         assert self.all.starts is not None, "each run has numbers"
         return self.all.starts
 
     def in_order(self, order: NDArray[np.int64]) -> ProductsOfRuns:
-        """The runs in this order."""
+        """The runs in the given order."""
         one = self.blocks
         blocks = StartBlocks(one.cross[order], one.curvature[order], one.slope[order])
         every = (self.squares[order], self.cost[order], self.count[order])
@@ -106,7 +109,7 @@ class ProductsOfRuns:
 
 
 def joined_runs(runs: Sequence[Products], own: int) -> ProductsOfRuns:
-    """One run's products after the other, the last `own` numbers in each being its own."""
+    """Combines products of single runs; the last `own` parameters of each are its own."""
     n = len(runs[0].slope) - own
     blocks = StartBlocks(
         np.array([one.curvature[:n, n:] for one in runs]),
@@ -123,7 +126,7 @@ def joined_runs(runs: Sequence[Products], own: int) -> ProductsOfRuns:
 
 
 def one_after_the_other(parts: Sequence[ProductsOfRuns]) -> ProductsOfRuns:
-    """The runs of all parts."""
+    """Concatenates the runs of all parts."""
     shared = [replace(part.all, starts=None) for part in parts]
     blocks = [part.blocks for part in parts]
     starts = StartBlocks(

@@ -1,13 +1,13 @@
-"""Takes raw variables to what is known of them beside the slopes of the losses.
+"""Proximal steps for priors and penalties, separate from the gradients of the losses.
 
-That are priors ŝ²/n · ((p − mean)/std)² of the physical value p, magnitudes λ · |raw| and norms of
-slices λ · √Σ raw². A step of length ηᵢ along the slope of the losses ends at r̂; then comes
+The terms are priors ŝ²/n · ((p − mean)/std)² of the physical value p, magnitudes λ · |raw| and
+norms of slices λ · √Σ raw². A gradient step of length ηᵢ on the losses ends at r̂; then follows
 
     argmin over r of Σ (rᵢ − r̂ᵢ)²/(2ηᵢ) + the terms at r,
 
 the proximal step in the metric of the optimiser (Parikh, Boyd 2014; for adaptive steps Yun, Lozano,
-Yang 2021). It is exact for any weight, ends with numbers and slices that are exactly 0, and rests
-where the slope of everything together is 0. The kernels have the same in templates/native/known.c.
+Yang 2021). It is exact for any weight, and sets elements and slices to exactly 0. Its fixed points
+are the stationary points of the total. templates/native/known.c has the same for kernels.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 NEWTON_STEPS = 30
-"""More than the root of a norm ever takes: they come from below and double their digits."""
+"""Maximum number of Newton steps for a norm; they converge monotonically and quadratically."""
 
 LARGEST_MOVE = 1.0
-"""Of a bounded value's raw variable in one step: a sigmoid is straight no farther."""
+"""Maximum change of a bounded value's raw variable per step, where a sigmoid is nearly linear."""
 
 LEAST_STD = 1e-100
-"""Deviations below have squares that are no numbers any more."""
+"""Minimum standard deviation; the square of a smaller one underflows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownTerms:
-    """The priors and penalties of the numbers of some parameters, one after the other."""
+    """The priors and penalties of the elements of some parameters, concatenated."""
 
     parameters: tuple[Parameter, ...]
     mean: FloatArray
     std: FloatArray
-    """0 where there is no prior."""
+    """0 for elements without a prior."""
     magnitude: FloatArray
-    """λ of each number."""
+    """λ of each element."""
     slices: tuple[IntArray, ...]
-    """The numbers of each slice."""
+    """The element indices of each slice."""
     norms: FloatArray
     """λ of each slice."""
 
@@ -55,7 +55,7 @@ class KnownTerms:
 
     @property
     def has_corners(self) -> bool:
-        """Whether there are terms without a slope at 0."""
+        """True if some terms are not differentiable at 0."""
         return bool(self.magnitude.any() or self.norms.any())
 
     @property
@@ -69,7 +69,7 @@ def known_terms(
     weights: Mapping[str, float],
     trained: Collection[str],
 ) -> KnownTerms:
-    """The terms of the parameters that are trained; losses are penalties with their weights."""
+    """The terms of the trained parameters; penalties come from losses, with their weights."""
     sizes = [int(np.prod([axis.size for axis in p.axes])) for p in parameters]
     ends = np.cumsum([0, *sizes])
     mean, std, magnitude = (np.zeros(int(ends[-1])) for _ in range(3))
@@ -87,7 +87,7 @@ def known_terms(
             if penalty is None or penalty.parameter != parameter.name or not weight:
                 continue
             if penalty.over is None:
-                # without `over` a penalty is the mean of the magnitudes
+                # without `over` a penalty is the mean of magnitudes
                 magnitude[begin:end] += weight / numbers.size
                 continue
             axis = [each.name for each in parameter.axes].index(penalty.over)
@@ -105,9 +105,9 @@ def known_terms(
 
 
 def approached(terms: KnownTerms, raw: FloatArray, steps: FloatArray, spread: float) -> FloatArray:
-    """The raw variables after the proximal step from these, `spread` being ŝ²/n.
+    """The raw variables after the proximal step; `spread` is ŝ²/n.
 
-    `steps` are the lengths η, 0 of numbers that are held.
+    `steps` are the lengths η, 0 for fixed elements.
     """
     raw, steps = raw.copy(), steps.copy()
     if spread > 0:
@@ -116,7 +116,7 @@ def approached(terms: KnownTerms, raw: FloatArray, steps: FloatArray, spread: fl
 
 
 def _to_priors(terms: KnownTerms, raw: FloatArray, steps: FloatArray, spread: float) -> None:
-    """One step of Gauss and Newton, which is all where the value is a multiple of raw."""
+    """One Gauss-Newton step, which is exact if the value is linear in raw."""
     known = (terms.std > 0) & (steps > 0)
     value, slope, bounded = of_raw(terms.parameters, raw)
     variance = terms.std[known] ** 2
@@ -125,7 +125,7 @@ def _to_priors(terms: KnownTerms, raw: FloatArray, steps: FloatArray, spread: fl
     move = pull * (value[known] - terms.mean[known]) / width
     limit = np.where(bounded[known], LARGEST_MOVE, np.inf)
     raw[known] -= np.clip(move, -limit, limit)
-    # the prior adds its curvature to 1/η: the step that corners take after it is shorter
+    # the prior adds its curvature to 1/η: the following proximal step is shorter
     steps[known] *= variance / width
 
 
@@ -135,17 +135,17 @@ def _to_corners(terms: KnownTerms, raw: FloatArray, steps: FloatArray) -> FloatA
     raw = np.where(limit > 0, np.sign(raw) * np.maximum(np.abs(raw) - limit, 0.0), raw)
     for numbers, weight in zip(terms.slices, terms.norms, strict=True):
         reach = steps[numbers] * weight
-        # slices with a number that is held stay as they are
+        # slices with a fixed element do not change
         if (reach > 0).all():
             raw[numbers] = _shrunk(raw[numbers], reach)
     return raw
 
 
 def _shrunk(values: FloatArray, reach: FloatArray) -> FloatArray:
-    """z with z(1 + reach/‖z‖) = values; 0 where there is none.
+    """z with z(1 + reach/‖z‖) = values; 0 if there is none.
 
-    r = ‖z‖ is the root of Σ (values/(r + reach))² = 1, whose inverse root is concave: the steps of
-    Newton come to it from below.
+    r = ‖z‖ is the root of Σ (values/(r + reach))² = 1. The inverse square root of the left side is
+    concave, so Newton's method converges from below.
     """
     if np.sum((values / reach) ** 2) <= 1.0:
         return np.zeros_like(values)
@@ -153,7 +153,7 @@ def _shrunk(values: FloatArray, reach: FloatArray) -> FloatArray:
     radius = max(float(np.sqrt(np.sum(values * values))) - float(reach.max()), 0.0)
     for _ in range(NEWTON_STEPS):
         parts = values / (radius + reach)
-        # Newton's step for 1/√squares − 1, whose slope is steep/squares^1.5
+        # Newton's step for 1/√squares − 1, with derivative steep/squares^1.5
         squares = float(np.sum(parts * parts))
         steep = float(np.sum(parts * parts / (radius + reach)))
         following = radius + (np.sqrt(squares) - 1.0) * squares / steep
@@ -164,13 +164,15 @@ def _shrunk(values: FloatArray, reach: FloatArray) -> FloatArray:
 
 
 def corners(terms: KnownTerms, raw: FloatArray) -> float:
-    """Σ of the magnitudes and norms with their λ."""
+    """Σ of the magnitudes and norms, weighted by their λ."""
     norms = [np.sqrt(np.sum(raw[numbers] ** 2)) for numbers in terms.slices]
     return float(terms.magnitude @ np.abs(raw)) + float(terms.norms @ np.array(norms))
 
 
 def deviations(terms: KnownTerms, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(p − mean)/std of every number, 0 where there is no prior, and its slope in raw."""
+    """(p − mean)/std of every element, 0 without a prior, and its derivative with respect to
+    raw.
+    """
     value, slope, _ = of_raw(terms.parameters, raw)
     known = terms.std > 0
     width = np.where(known, terms.std, 1.0)
@@ -183,7 +185,9 @@ def deviations(terms: KnownTerms, raw: FloatArray) -> tuple[FloatArray, FloatArr
 def of_raw(
     parameters: Sequence[Parameter], raw: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Physical values, their slopes in the raw variables, and which of them have bounds."""
+    """Physical values, their derivatives with respect to the raw variables, and a mask of
+    bounded ones.
+    """
     sizes = [int(np.prod([axis.size for axis in p.axes])) for p in parameters]
     parts = np.split(raw, np.cumsum(sizes)[:-1])
     pairs = list(zip(parameters, parts, strict=True))
@@ -196,7 +200,7 @@ def of_raw(
 
 
 def in_corners(terms: KnownTerms, values: FloatArray) -> NDArray[np.bool_]:
-    """Marks the numbers that a penalty holds at exactly 0."""
+    """Marks the elements that a penalty keeps at exactly 0."""
     held = terms.magnitude > 0
     for numbers in terms.slices:
         held[numbers] = True

@@ -1,9 +1,9 @@
-"""Maps raw variables, which an optimiser moves freely, to bounded physical values and back.
+"""Maps unconstrained raw variables of an optimiser to bounded physical values and back.
 
 Without bounds physical = scale·raw; between two bounds minimum + (maximum − minimum)·sigmoid(raw);
-above one minimum + scale·softplus(raw); below one maximum − scale·softplus(−raw). Between two it is
-counted from the nearer one, as maximum − (maximum − minimum)·sigmoid(−raw) where raw is above 0: no
-rounding passes a bound from which something that is not negative is taken away (decision 0400).
+above one minimum + scale·softplus(raw); below one maximum − scale·softplus(−raw). Between two
+bounds and for raw > 0 the formula is maximum − (maximum − minimum)·sigmoid(−raw). A nonnegative
+value is then subtracted from the maximum, so that rounding cannot exceed it (decision 0400).
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from compiler.kernels.evaluate import evaluate
 FloatArray = NDArray[np.float64]
 
 BOUND_MARGIN = 1e-6
-"""Loaded values closer to a bound than this part of the range (or scale) are moved off it."""
+"""Loaded values closer to a bound than this fraction of the range (or scale) are moved off it."""
 
 _STRAIGHT = 40.0
-"""From here on softplus(x) is x: exp(−40) is less than its rounding."""
+"""From this argument on softplus(x) = x: exp(−40) is below its rounding error."""
 
 
 class Mapping(IntEnum):
-    """The formula of a parameter, one of four; the numbers are those of the training kernels."""
+    """The formula of a parameter; the numbers are those of the training kernels."""
 
     LINEAR = 0
     BETWEEN = 1
@@ -37,7 +37,7 @@ class Mapping(IntEnum):
 
 
 def mapping_of(parameter: Parameter) -> Mapping:
-    """The formula that the parameter's bounds ask for."""
+    """The formula for the parameter's bounds."""
     match parameter.minimum is not None, parameter.maximum is not None:
         case True, True:
             return Mapping.BETWEEN
@@ -50,7 +50,7 @@ def mapping_of(parameter: Parameter) -> Mapping:
 
 
 def raw_value(parameter: Parameter, physical: FloatArray) -> tuple[FloatArray, bool]:
-    """The raw variable of a physical value, and whether it had to be moved off a bound."""
+    """The raw variable of a physical value, and True if it had to be moved off a bound."""
     inside = _inside(parameter, physical)
     moved = bool(np.any(inside != physical))
     match parameter.minimum, parameter.maximum:
@@ -67,7 +67,7 @@ def raw_value(parameter: Parameter, physical: FloatArray) -> tuple[FloatArray, b
 
 
 def is_off_bounds(parameter: Parameter, physical: FloatArray) -> NDArray[np.bool_]:
-    """True for elements that are not moved off a bound: training begins at exactly these."""
+    """True for elements that are not moved off a bound; training starts at exactly these values."""
     return _inside(parameter, physical) == physical
 
 
@@ -88,7 +88,7 @@ def physical_value(parameter: Parameter, raw: FloatArray) -> FloatArray:
 
 
 def physical_slope(parameter: Parameter, raw: FloatArray) -> FloatArray:
-    """∂ physical value/∂ raw variable."""
+    """Derivative ∂(physical value)/∂(raw variable)."""
     match parameter.minimum, parameter.maximum:
         case None, None:
             return np.full_like(raw, parameter.scale)
@@ -106,8 +106,7 @@ def physical_slope(parameter: Parameter, raw: FloatArray) -> FloatArray:
 def _inside(parameter: Parameter, physical: FloatArray) -> FloatArray:
     low, high = parameter.minimum, parameter.maximum
     span = high - low if low is not None and high is not None else abs(parameter.scale)
-    # the margin of a range that is narrow beside its bounds is lost in their rounding: there the
-    # next number is off the bound
+    # for a narrow range the margin is lost by rounding: then the next float is used
     if low is not None:
         inner = max(low + BOUND_MARGIN * span, math.nextafter(low, math.inf))
         physical = np.maximum(physical, inner)
@@ -137,14 +136,14 @@ def _sigmoid(raw: FloatArray) -> FloatArray:
 
 
 def _kernel(name: str, value: FloatArray) -> FloatArray:
-    """The project's own function: numpy's has other bits on other processors."""
+    """The msnn kernel, since numpy's functions have other bits on other processors."""
     value = np.asarray(value, np.float64)
-    if value.size == 1:  # first values, which every stage of every training asks for again
+    if value.size == 1:  # initial values, which every training stage requests again
         return np.full(value.shape, _of_number(name, value.tobytes()))
     return evaluate(name, value)
 
 
 @lru_cache(1024)
 def _of_number(name: str, bits: bytes) -> float:
-    """The function of a number; by bits, for 0.0 and -0.0 are equal and not the same."""
+    """The function of a scalar, cached by its bits, since 0.0 == -0.0."""
     return float(evaluate(name, np.frombuffer(bits))[0])

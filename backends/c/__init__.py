@@ -1,4 +1,6 @@
-"""Writes a program as C99: one step with its memory in a struct, for microcontrollers and PCs."""
+"""Writes a program as C99: a step function with its states in a struct, for microcontrollers and
+PCs.
+"""
 
 from backends.c.write_c import write_c
 from backends.c_lowering.options import COptions

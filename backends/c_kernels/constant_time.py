@@ -1,9 +1,9 @@
-"""Lowers choices to functions: what a compiler could turn into a branch is not written.
+"""Lowers selections to functions that a compiler cannot turn into branches.
 
-Where both values of `c ? a : b` are computed, compilers may still move the work into the arms. An
-element of an array at a place that depends on c is read in the same instructions for every c. They
-may also write the code behind a comparison twice, once for each result. So a truth value is an
-integer here, 0 or 1, and has been in a volatile object, about which nothing is known.
+Even if both values of `c ? a : b` are computed, compilers may move the work into the arms. Reading
+an array element at an index that depends on c takes the same instructions for every c. Compilers
+may also duplicate the code after a comparison, once per result. A bool is therefore an integer, 0
+or 1, that was stored in a volatile object, whose value a compiler cannot know.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ _SELECT = {
     ValueKind.WIDE: "select_wide",
     ValueKind.TRUTH: "select_word",
 }
-"""What stands for `condition ? then : otherwise`, by the kind of its value."""
+"""Replacement of `condition ? then : otherwise`, by the kind of its value."""
 
 _COMBINE = {Operator.BOTH: "&", Operator.EITHER: "|"}
-"""What stands for `&&` and `||`, which leave out their second operand."""
+"""Replacement of `&&` and `||`, which skip their second operand."""
 
 _TRUTH = "truth_word"
-"""What stands around a comparison."""
+"""The function around a comparison."""
 
 
 class ConstantTimeLowering(RoutineLowering):
-    """Lowers a routine without branches; `choices` has the names of the functions it calls."""
+    """Lowers a routine without branches; `choices` collects the functions that it calls."""
 
     def type(self, kind: ValueKind) -> c.CType:
-        # a C `bool` would be normalised by a comparison, which a compiler may branch on
+        # converting to a C `bool` is a comparison, which a compiler may branch on
         return super().type(ValueKind.UNSIGNED if kind is ValueKind.TRUTH else kind)
 
     def constant(self, kind: ValueKind, value: float) -> c.Expression:
         return super().constant(ValueKind.UNSIGNED if kind is ValueKind.TRUTH else kind, value)
 
     def opposite(self, condition: c.Expression) -> c.Expression:
-        # `!` may become a branch; exclusive or of a number that is 0 or 1 has none to become
+        # `!` may become a branch; exclusive or of 0 or 1 does not
         return c.Binary("^", condition, c.Unsigned(1))
 
     def binary(self, operator: Operator, left: Operand, right: Operand) -> c.Expression:
@@ -59,7 +59,7 @@ class ConstantTimeLowering(RoutineLowering):
 
 
 def choice_functions(names: set[str], printer: Printer) -> list[c.Function]:
-    """Definitions of the functions named, in a fixed order."""
+    """Definitions of the named functions, in a fixed order."""
     types = {"real": c.CType.REAL, "word": c.CType.UNSIGNED, "wide": c.CType.WIDE}
     truth = [_truth(printer)] if _TRUTH in names else []
     return truth + [
@@ -80,7 +80,7 @@ def _truth(printer: Printer) -> c.Function:
         body=(
             c.Declare(word, yes.text, c.Unsigned(1), constant=True),
             c.Declare(word, no.text, c.Unsigned(0), constant=True),
-            # read back from memory, so that nothing before it can decide what follows
+            # volatile, so that the compiler cannot know the value
             c.Declare(word, known.text, value, constant=True, volatile=True),
             c.Return(known),
         ),
@@ -92,7 +92,7 @@ def _truth(printer: Printer) -> c.Function:
 def _selecting(name: str, type: c.CType, printer: Printer) -> c.Function:
     truth, then, otherwise, both = map(c.Name, ("truth", "then", "otherwise", "both"))
     written = printer.type(type)
-    # at 0 what is taken where the truth value is 0
+    # index 0 is selected if the bool is 0
     values = (otherwise, then)
     return c.Function(
         name=f"{printer.prefix}_{name}",

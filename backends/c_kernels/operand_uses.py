@@ -1,4 +1,4 @@
-"""Finds where the operands of a traced routine are used, which decides how C text writes them."""
+"""Finds the uses of operands in a traced routine, which determine how C writes them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from compiler.kernels.trace import statements as traced
 
 
 def operands(block: traced.Block) -> Iterator[traced.Operand]:
-    """Every use of an operand in a block and in those within it."""
-    # results are uses too: without them the last statement would look unused
+    """Every use of an operand in a block and its inner blocks."""
+    # results are uses too: otherwise the last statement would look unused
     yield from block.values
     for statement in block.statements:
         match statement:
@@ -27,7 +27,7 @@ def operands(block: traced.Block) -> Iterator[traced.Operand]:
 
 
 def branch_values(block: traced.Block) -> Iterator[traced.Operand]:
-    """The values that arms of branches give: assigned as a whole, not part of an expression."""
+    """The results of branch arms, which are assigned as a whole."""
     for statement in block.statements:
         if isinstance(statement, traced.Branch):
             for arm in (statement.then, statement.otherwise):
@@ -36,7 +36,7 @@ def branch_values(block: traced.Block) -> Iterator[traced.Operand]:
 
 
 def plain_operands(block: traced.Block) -> Iterator[traced.Operand]:
-    """The operands that are cast or chosen: plain or negated variables, never expressions."""
+    """The operands of casts and selections, which must be plain or negated variables."""
     for statement in block.statements:
         match statement:
             case traced.Assign(_, traced.Convert(operand)):

@@ -1,4 +1,4 @@
-"""Prints math kernels: reals have C's own type, constants are exact, casts hold together."""
+"""Prints math kernels: reals have C's own types, constants are exact."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from compiler.kernels.tables.formats import Format
 
 
 class KernelPrinter(Printer):
-    """The printer of a file that includes nothing of its program."""
+    """The printer of a file that does not include the program's header."""
 
     exact = True
 
@@ -24,5 +24,5 @@ class KernelPrinter(Printer):
 
 
 def dtype_of(format: Format) -> Dtype:
-    """The name by which printers know a format."""
+    """The dtype of a format, for printers."""
     return "float32" if format.c_type == "float" else "float64"

@@ -1,8 +1,8 @@
-"""Lowers a traced routine to a C function: names every value that is read more than once.
+"""Lowers a traced routine to a C function; values with several uses get a name.
 
-A value that is read once stands where it is used. The text keeps to what strict warnings and MISRA
-checkers ask for: one declaration and one statement a line, no nested ?:, no implicit conversions,
-casts of plain variables only, unsigned literals with U, complete else branches, one exit.
+A value with one use is written at its use. The text satisfies strict warnings and MISRA checkers:
+one declaration and one statement per line, no nested ?:, no implicit conversions, casts of plain
+variables only, unsigned literals with U, complete else branches, one exit.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from compiler.kernels.trace.statements import (
 )
 
 INLINE_LENGTH = 50
-"""Longest text of a value that is written where it is used, in characters."""
+"""Maximum number of characters of a value that is written at its use."""
 
 _TYPES = {
     ValueKind.REAL: c.CType.REAL,
@@ -48,9 +48,10 @@ _TYPES = {
 
 
 class RoutineLowering:
-    """One routine for one printer; what it found out while `function` was made.
+    """Lowers one routine for one printer.
 
-    `needs_math` tells whether it calls <math.h>, `choices` which functions of `constant_time`.
+    After `function`, `needs_math` is True if it calls <math.h>, and `choices` has the functions of
+    `constant_time` that it calls.
     """
 
     def __init__(self, routine: Routine, printer: Printer) -> None:
@@ -69,7 +70,7 @@ class RoutineLowering:
         self._tables: dict[str, c.ConstantTable] = {}
 
     def function(self, *, public: bool = False) -> c.Function:
-        """The definition, a static function unless it is public."""
+        """The definition; static unless `public`."""
         routine, type = self.routine, self.printer.type
         body, values = self.block(routine.body)
         kinds = [self.type(value.kind) for value in routine.body.values]
@@ -80,7 +81,7 @@ class RoutineLowering:
         else:
             result = "void"
             named = list(zip(routine.results, kinds, strict=True))
-            # C returns one value: several go through pointers
+            # several results are returned through pointers
             arguments += [c.Argument(f"{type(kind)} *", name) for name, kind in named]
             targets = [c.Unary("*", c.Name(name)) for name in routine.results]
             body += [c.Assign(target, value) for target, value in zip(targets, values, strict=True)]
@@ -117,11 +118,11 @@ class RoutineLowering:
         return [self._declared(target, value)]
 
     def inlines(self, target: Local, operation: Operation, value: c.Expression) -> bool:
-        """Whether the value is written where it is used."""
-        # a name is for readers; a value used twice would be computed twice
+        """True if the value is written at its use."""
+        # named values stay visible; a value used twice would be computed twice
         if target.hint or self.uses[target] != 1:
             return False
-        # these stand where only a variable may, or a sign before one
+        # these must be plain or negated variables
         if target in self._plain and not isinstance(operation, Unary):
             return False
         if target in self._whole:
@@ -138,7 +139,7 @@ class RoutineLowering:
         name = self._called(routine)
         if len(targets) == 1:
             return [self._declared(targets[0], c.Call(name, tuple(arguments)))]
-        # no initial values: the call writes each, and analysers see one that it would forget
+        # no initial values, so that analysers find a result that the call does not write
         declared = [c.Declare(self.type(target.kind), self.name(target)) for target in targets]
         results = [c.Unary("&", c.Name(self.name(target))) for target in targets]
         return [*declared, c.Evaluate(c.Call(name, (*arguments, *results)))]
@@ -147,7 +148,7 @@ class RoutineLowering:
         return f"{self.printer.prefix}_{routine.name}"
 
     def branch(self, branch: Branch) -> list[c.Statement]:
-        """Variables without a value, and the blocks that assign them."""
+        """Uninitialised variables, and the blocks that assign them."""
         declared = [c.Declare(self.type(x.kind), self.name(x)) for x in branch.targets]
         return [*declared, self._choice(branch)]
 
@@ -157,11 +158,11 @@ class RoutineLowering:
         return c.If(condition, then, self._arm(branch.otherwise, branch.targets))
 
     def _arm(self, block: Block, targets: tuple[Local, ...]) -> tuple[c.Statement, ...]:
-        """A block of a branch; another branch at its end assigns the outer one's variables."""
+        """A block of a branch; a branch at its end assigns the outer variables directly."""
         last = block.statements[-1] if block.statements else None
         if isinstance(last, Branch) and last.targets == block.values:
             body, _ = self.block(Block(block.statements[:-1], ()))
-            # an `else if`: the inner branch assigns the same variables, so that none is copied
+            # an `else if`: the inner branch assigns the same variables without copies
             for inner, outer in zip(last.targets, targets, strict=True):
                 self._names[inner.index] = self.name(outer)
             return (*body, self._choice(last))
@@ -186,7 +187,7 @@ class RoutineLowering:
         return _TYPES[kind]
 
     def operand(self, operand: Operand) -> c.Expression:
-        """The operand within an expression."""
+        """The operand as an expression."""
         match operand:
             case Local(index):
                 return self._inlined.get(index) or c.Name(self.name(operand))
@@ -246,13 +247,13 @@ class RoutineLowering:
     def binary(self, operator: Operator, left: Operand, right: Operand) -> c.Expression:
         first = self.operand(left)
         match operator, left, right:
-            # x − 3 in place of x + -3: the same rounding, and readable
+            # x − 3 instead of x + -3: the same rounding, more readable
             case Operator.ADD, _, Constant(ValueKind.REAL, value) if value < 0.0:
                 return c.Binary("-", first, c.Real(-value))
             case Operator.SUBTRACT, _, Constant(ValueKind.REAL, value) if value < 0.0:
                 return c.Binary("+", first, c.Real(-value))
             case Operator.SHIFT_LEFT, Constant(ValueKind.UNSIGNED, _), _:
-                # a literal alone would have 16 bits where int has
+                # a literal alone has only 16 bits on some targets
                 first = c.Convert(c.CType.UNSIGNED, first)
             case _:
                 pass
@@ -261,15 +262,15 @@ class RoutineLowering:
     def select(
         self, kind: ValueKind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
     ) -> c.Expression:
-        """One of two values of that kind that are both computed."""
+        """One of two values of that kind; both are computed."""
         return c.Conditional(condition, then, otherwise)
 
     def _look_up(self, table: Table, index: c.Expression) -> c.Expression:
-        # by name: a routine that looks twice into a table defines it once
+        # by name, so that a table is defined once
         made = c.ConstantTable(table.name, table.values, self.type(table.kind))
         self._tables[table.name] = made
         return self.entry(made, index)
 
     def entry(self, table: c.ConstantTable, index: c.Expression) -> c.Expression:
-        """The number of a table at a place."""
+        """An entry of a table."""
         return c.Element(c.Name(table.name), index)

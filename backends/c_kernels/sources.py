@@ -1,4 +1,4 @@
-"""Writes C99 header and source of the kernels that a model uses, without the C library's."""
+"""Writes C99 header and source of the kernels that a model uses."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from compiler.kernels.trace.without_branches import without_branches
 
 @dataclass(frozen=True, slots=True)
 class CKernels:
-    """Two C files and the functions they offer, kernel name → C name.
+    """Two C files and their functions (kernel name → C name).
 
-    Their bits need IEEE 754 arithmetic without contraction: compile with -ffp-contract=off and
+    Exact bits require IEEE 754 arithmetic without contraction: compile with -ffp-contract=off and
     never with -ffast-math.
     """
 
@@ -35,17 +35,17 @@ class CKernels:
 def c_sources(
     names: Iterable[str], real: RealName, prefix: str, *, constant_time: bool = False
 ) -> CKernels:
-    """The kernels named, as functions `<prefix>_<name>`; those they call become static functions.
+    """The named kernels as functions `<prefix>_<name>`; kernels that they call are static
+    functions.
 
-    In `constant_time` they perform the same operations for every argument.
-
-    The text does not depend on the order of `names`. Raises KeyError for a name not in `KERNELS`.
+    With `constant_time` they execute the same operations for every argument. The text does not
+    depend on the order of `names`. Raises KeyError for a name not in `KERNELS`.
     """
-    # sorted: the same model gives the same bytes, in whatever order its graph names them
+    # sorted, so that the text does not depend on the order in the graph
     functions = {name: f"{prefix}_{name}" for name in sorted(set(names))}
     routines = callees_first(functions, FORMATS[real])
     if constant_time:
-        # an `if` costs time by its condition: both arms are computed and one is chosen
+        # constant time: both arms are computed and one is selected
         routines = [without_branches(routine) for routine in routines]
     printer = KernelPrinter(prefix, dtype_of(FORMATS[real]), places_tables=True)
     lowering = ConstantTimeLowering if constant_time else RoutineLowering
@@ -73,14 +73,13 @@ def c_definitions(names: Iterable[str], real: RealName, prefix: str) -> str:
 
 
 def callees_first(names: Iterable[str], format: Format) -> list[Routine]:
-    """The routines of the kernels named and of what they call, in an order that C can read."""
+    """The routines of the named kernels and their callees, callees first."""
     ordered: dict[str, Routine] = {}
 
     def visit(routine: Routine) -> None:
         for callee in _called(routine.body):
             visit(callee)
-        # after its callees: C reads a file from top to bottom
-        # by name: a routine that two kernels call is traced for each of them and defined once
+        # after its callees; by name, so that a shared routine is defined once
         ordered.setdefault(routine.name, routine)
 
     for name in sorted(set(names)):

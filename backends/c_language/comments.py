@@ -1,4 +1,4 @@
-"""Makes texts of a spec harmless inside C comments and string literals, whatever they hold."""
+"""Makes any text of a spec safe inside C comments and string literals."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from backends.ports.identifiers import ascii_text
 
 
 def comment_text(text: str) -> str:
-    """One line of printable ASCII that can neither end the comment nor continue it.
+    """One line of printable ASCII that cannot end the comment or continue it.
 
     >>> comment_text('x */ #error\\n y')
     'x * / #error y'
     """
     plain = _printable(text)
     for ending, harmless in (("\\", "/"), ("*/", "* /"), ("/*", "/ *"), ("??", "? ?")):
-        # a repair may make a new pair with its neighbour, as in `**//`
+        # a replacement may form a new pair with its neighbour, as in `**//`
         while ending in plain:
             plain = plain.replace(ending, harmless)
-    # the comment's own delimiters stand beside the text
+    # a slash at an end could join the comment's own delimiters
     return plain.strip().strip("/").strip()
 
 
 def string_literal(text: str) -> str:
-    """A C string literal with the text in printable ASCII."""
+    """A C string literal of the text, in printable ASCII."""
     escaped = _printable(text).replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?")
     return f'"{escaped}"'
 
 
 def string_size(text: str) -> int:
-    """Bytes of that literal with its terminating zero."""
+    """Size of that literal in bytes, with its terminating zero."""
     return len(_printable(text)) + 1
 
 

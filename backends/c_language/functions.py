@@ -1,4 +1,4 @@
-"""Chooses what generated code calls: the project's kernels, a C library, functions of its own."""
+"""Selects the functions that generated code calls: msnn kernels, a C library, or helpers."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _IN_LIBM = frozenset(
     | {"exp", "log", "pow"}
 )
 _EXACT = {"sqrt": "sqrt", "abs": "fabs"}
-"""Functions that IEEE 754 defines to the bit: every C library has the same ones."""
+"""Functions that IEEE 754 defines exactly: every C library gives the same bits."""
 
 
 @dataclass(frozen=True, slots=True)
 class FunctionNames:
-    """The names of functions as this program spells them."""
+    """The names of functions in this program."""
 
     prefix: str
     dtype: Dtype
@@ -29,20 +29,20 @@ class FunctionNames:
     constant_time: bool = False
 
     def kernel(self, function: str) -> str | None:
-        """The project's kernel that computes a scalar function, None where a library does."""
-        # functions that libm lacks, such as softplus, have their kernel even with `math: libm`
+        """The msnn kernel of a scalar function; None if a library function is used."""
+        # functions that libm lacks, such as softplus, use their kernel even with `math: libm`
         row = SCALAR_FUNCTIONS[function]
         if row.kernel is None or (self.math == "libm" and function in _IN_LIBM):
             return None
         return row.kernel
 
     def library(self, function: str) -> str:
-        """The name in the C library, of the program's type."""
+        """The name in the C library, for the program's type."""
         return _EXACT.get(function, function) + suffix(self.dtype)
 
 
 class FunctionTable:
-    """Spells calls and remembers what was called."""
+    """Creates calls and records the called functions."""
 
     def __init__(self, names: FunctionNames) -> None:
         self._names = names
@@ -51,22 +51,22 @@ class FunctionTable:
 
     @property
     def prefix(self) -> str:
-        """The prefix of the names of its functions."""
+        """Prefix of the names of its functions."""
         return self._names.prefix
 
     @property
     def constant_time(self) -> bool:
-        """Whether the same instructions are taken for all numbers."""
+        """True if the same instructions are executed for all values."""
         return self._names.constant_time
 
     @property
     def dtype(self) -> Dtype:
-        """The program's number type."""
+        """Number format of the program."""
         return self._names.dtype
 
     def apply(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
-        """A scalar function of the language."""
-        # no IEEE operation and no kernel: comparisons give it exactly
+        """A call of a scalar function of the language."""
+        # neither an IEEE operation nor a kernel: exact by comparisons
         if function == "sign":
             return self.helper("sign", arguments)
         if function == "sqrt" and self.constant_time:
@@ -78,7 +78,7 @@ class FunctionTable:
         return Call(f"{self._names.prefix}_{kernel}", arguments)
 
     def library(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
-        """A function of the C library."""
+        """A call of a C library function."""
         return Call(self._names.library(function), arguments)
 
     def truth(self, condition: Expression) -> Expression:
@@ -88,21 +88,21 @@ class FunctionTable:
     def select(
         self, kind: Kind, condition: Expression, then: Expression, otherwise: Expression
     ) -> Expression:
-        """One of two values that are both computed."""
+        """One of two values; both are computed."""
         if not self.constant_time:
             return Conditional(condition, then, otherwise)
         name = "select" if kind == "real" else "select_truth"
         return self.helper(name, (condition, then, otherwise))
 
     def helper(self, name: str, arguments: tuple[Expression, ...]) -> Expression:
-        """A function that the generated file defines for itself."""
+        """A call of a helper function, which the generated file defines."""
         self.helpers.add(name)
         return Call(f"{self._names.prefix}_{name}", arguments)
 
     def definitions(self) -> tuple[Function, ...]:
-        """The helpers that were called, in the order in which they may call each other."""
+        """The called helpers, callees first."""
         made: list[Function] = []
-        # from the last on: making one may add what it calls, which stands before it in the table
+        # backwards: a helper may call others, which come before it in the table
         for name, make in reversed(tuple(HELPERS.items())):
             if name in self.helpers:
                 made.append(make(self))

@@ -1,4 +1,4 @@
-"""Writes the small functions that a generated file defines for itself."""
+"""Writes the helper functions that a generated file defines."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from compiler.ir.types import Kind
 
 
 class Calls(Protocol):
-    """Spells what helpers call; another helper is defined too then."""
+    """Creates the calls inside helpers; a called helper is defined as well."""
 
     @property
     def prefix(self) -> str: ...
@@ -28,20 +28,19 @@ class Calls(Protocol):
 
 
 def is_nan(x: c.Name) -> c.Expression:
-    """Every number is at most +∞; comparing x with itself would draw warnings."""
+    """True for NaN only, since every number is ≤ +∞; `x != x` would cause compiler warnings."""
     return c.Unary("!", c.Binary("<=", x, c.Real(math.inf)))
 
 
 def one_if(condition: c.Expression) -> c.Expression:
-    """1 or 0: `&&` and `if` would skip instructions."""
+    """1 or 0 without `&&` and `if`, which skip instructions."""
     return c.Conditional(condition, c.Unsigned(1), c.Unsigned(0))
 
 
 def _truth(calls: Calls) -> c.Function:
     condition, known = c.Name("condition"), c.Name("known")
     body: tuple[c.Statement, ...] = (
-        # read back from memory: a compiler that knew where the value is from would branch on the
-        # comparison
+        # volatile: otherwise a compiler could branch on the comparison
         c.Declare(c.CType.BOOL, known.text, condition, constant=True, volatile=True),
         c.Return(known),
     )
@@ -71,8 +70,7 @@ def _selecting(calls: Calls, name: str, type: c.CType, written: str, doc: str) -
         c.Argument(written, otherwise.text),
     )
     body: tuple[c.Statement, ...] = (
-        # in memory at two places that differ by the condition: a load, whose time is the same for
-        # both
+        # an array element selected by the condition: the load takes the same time for both
         c.Declare(type, both.text, size=2),
         c.Assign(c.Element(both, c.Unsigned(0)), otherwise),
         c.Assign(c.Element(both, c.Unsigned(1)), then),
@@ -87,7 +85,7 @@ def _selecting(calls: Calls, name: str, type: c.CType, written: str, doc: str) -
 def _outside(calls: Calls) -> c.Function:
     x, low, high = c.Name("x"), c.Name("low"), c.Name("high")
     above, below = (calls.truth(c.Binary(*test)) for test in ((">=", x, low), ("<=", x, high)))
-    # 1 and 1 by bits: `&&` would skip the second comparison
+    # bitwise: `&&` would skip the second comparison
     inside = c.Binary("&", one_if(above), one_if(below))
     doc = "1 if x is not within low .. high, NaN included, else 0."
     real = f"{calls.prefix}_real"
@@ -103,11 +101,11 @@ def _outside(calls: Calls) -> c.Function:
 
 
 def _choice(name: str, first: str, second: str, doc: str) -> Callable[[Calls], c.Function]:
-    """`first` and `second` are the relations of a to b by which a and b are chosen."""
+    """Selects a or b by the relations `first` and `second` of a to b."""
 
     def make(calls: Calls) -> c.Function:
         a, b = c.Name("a"), c.Name("b")
-        # neither holds where one is NaN, and then so is the sum
+        # neither holds if one is NaN; the sum is then NaN
         otherwise = calls.select(
             "real", calls.truth(c.Binary(second, a, b)), b, c.Binary("+", a, b)
         )
@@ -119,7 +117,7 @@ def _choice(name: str, first: str, second: str, doc: str) -> Callable[[Calls], c
 
 def _clamp(calls: Calls) -> c.Function:
     raised = calls.helper("maximum", (c.Name("x"), c.Name("low")))
-    # low first, then high: the upper limit wins where a range is empty, as in the interpreter
+    # low first, then high: crossed limits give the upper one, as in the interpreter
     limited = calls.helper("minimum", (raised, c.Name("high")))
     return _inline(calls, "clamp", ("x", "low", "high"), limited, "x within low .. high.")
 
@@ -127,7 +125,7 @@ def _clamp(calls: Calls) -> c.Function:
 def _sign(calls: Calls) -> c.Function:
     x, zero = c.Name("x"), c.Real(0.0)
     level, negative, positive = (calls.truth(c.Binary(test, x, zero)) for test in (">=", "<", ">"))
-    # where nothing holds x is NaN, and the result x itself
+    # if no relation holds, x is NaN, and so is the result
     otherwise = calls.select("real", negative, c.Real(-1.0), calls.select("real", level, zero, x))
     value = calls.select("real", positive, c.Real(1.0), otherwise)
     return _inline(calls, "sign", ("x",), value, "-1, 0 or 1; NaN of NaN.")
@@ -136,7 +134,7 @@ def _sign(calls: Calls) -> c.Function:
 def _square_root(calls: Calls) -> c.Function:
     x, zero = c.Name("x"), c.Real(0.0)
     valid = calls.truth(c.Binary(">=", x, zero))
-    # of 0 where x has no root: what the library does about errors would take its time
+    # the root of 0 if x is negative: error handling of the library would take time
     root = calls.library("sqrt", (calls.select("real", valid, x, zero),))
     value = calls.select("real", valid, root, c.Real(math.nan))
     doc = "The square root; libraries take longer to report that a number has none."
@@ -173,4 +171,4 @@ HELPERS: Mapping[str, Callable[[Calls], c.Function]] = {
     "sign": _sign,
     "square_root": _square_root,
 }
-"""By name, in an order in which each calls earlier ones only."""
+"""By name; each helper calls only earlier ones."""

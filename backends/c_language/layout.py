@@ -1,4 +1,4 @@
-"""Breaks lines of C that are too long to read."""
+"""Wraps long lines of C."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from backends.c_language.comments import comment_text
 WIDTH = 100
 _STEP = "    "
 _SHORTEST = 30
-"""Columns that the first part of a broken line should have."""
+"""Minimum number of columns of the first part of a wrapped line."""
 
 
 def comment(text: str, indent: str = "") -> str:
     """A block comment of one or more lines; any text is safe."""
     width = WIDTH - len(indent) - len("/*  */")
-    # a hyphen stays inside its word: in names of files, and where it is a minus
+    # no break at hyphens, which occur in file names and as minus
     lines = textwrap.wrap(comment_text(text), width, break_on_hyphens=False) or [""]
     return f"\n{indent} * ".join([f"{indent}/* {lines[0]}", *lines[1:]]) + " */"
 
 
 def wrapped(line: str) -> list[str]:
-    """The line in parts of at most WIDTH characters, as far as spaces allow.
+    """Splits the line into parts of at most WIDTH characters, where spaces allow it.
 
-    It breaks where the fewest parentheses are open, at the last such place.
+    It breaks at the last place with the fewest open parentheses.
     """
     body = line.lstrip(" ")
     indent = line[: len(line) - len(body)]
-    # parts of a comment need no operator to break at
+    # comments can break at any space
     if len(line) > WIDTH and body.startswith("/*"):
         return comment(body.removeprefix("/*").removesuffix("*/"), indent).split("\n")
     parts: list[str] = []
@@ -41,7 +41,7 @@ def wrapped(line: str) -> list[str]:
 
 
 def _break(line: str, start: int) -> int | None:
-    """Position of the space at which to break, never inside a string; None where there is none."""
+    """Position of the space to break at, never inside a string; None if there is none."""
     best: tuple[int, int] | None = None
     depth = 0
     quoted = False

@@ -1,4 +1,4 @@
-"""Writes numbers as C literals that read back as exactly the same bits."""
+"""Writes numbers as C literals with exactly the same bits."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def hex_literal(value: float, dtype: Dtype) -> str:
 
 
 def hex_literals(values: Sequence[float], dtype: Dtype) -> list[str]:
-    """The literals of many numbers, rounded in one go: golden vectors have thousands."""
+    """Literals of many numbers, rounded together for speed: golden vectors have thousands."""
     with np.errstate(over="ignore"):
         rounded = np.array(values, dtype=np.float64).astype(dtype).astype(np.float64).tolist()
     end = suffix(dtype)
@@ -37,7 +37,7 @@ def hex_literals(values: Sequence[float], dtype: Dtype) -> list[str]:
 
 
 def exact_literal(value: float, dtype: Dtype) -> str:
-    """A number of dtype as it is: short ones in decimals, others in hexadecimal."""
+    """The exact value of a number of type dtype: short ones in decimal, others in hexadecimal."""
     # multiples of 1/64 below 1000 have at most six decimals, all of them exact
     if abs(value) < 1000 and value == int(value * 64) / 64:
         return f"{value!r}{suffix(dtype)}"
@@ -45,7 +45,7 @@ def exact_literal(value: float, dtype: Dtype) -> str:
 
 
 def suffix(dtype: Dtype) -> str:
-    """Ends a literal, and the name of a function in the C library, of that type."""
+    """The suffix of literals and C library functions for that type."""
     return "f" if dtype == "float32" else ""
 
 
@@ -57,14 +57,14 @@ def _hex(value: float) -> str:
 
 
 def _rounded(value: float, dtype: Dtype) -> np.floating[Any]:
-    with np.errstate(over="ignore"):  # beyond the largest number lies infinity
+    with np.errstate(over="ignore"):  # overflow gives infinity
         return np.dtype(dtype).type(value)
 
 
 def _special(value: float, dtype: Dtype) -> str | None:
     if math.isfinite(value):
         return None
-    # the macros are floats: a double program converts them in the open
+    # the macros are floats: a double program casts them explicitly
     cast = "" if dtype == "float32" else "(double)"
     if math.isnan(value):
         return f"{cast}NAN"

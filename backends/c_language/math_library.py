@@ -1,8 +1,8 @@
-"""Names whose scalar functions generated code calls."""
+"""Names the source of scalar functions in generated code."""
 
 from __future__ import annotations
 
 from typing import Literal
 
 MathLibrary = Literal["own", "libm"]
-"""The project's kernels, or those of the target's C library where it has them."""
+"""The msnn kernels, or the target's C library where it has the function."""

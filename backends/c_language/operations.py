@@ -1,4 +1,4 @@
-"""Writes the C expression of each elementwise operation from those of its operands."""
+"""Writes the C expression of each elementwise operation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def scalar_operation(
     functions: FunctionTable,
     kind: Kind = "real",
 ) -> c.Expression:
-    """One element of the operation's value, which is of that kind."""
+    """One element of the operation's value; `kind` is the type of a selected value."""
     match op:
         case ops.Add():
             return c.Binary("+", *operands)
@@ -28,7 +28,7 @@ def scalar_operation(
             return c.Binary("/", *operands)
         case ops.Negate():
             return c.Unary("-", *operands)
-        # not `fmin`: C lets it drop a NaN, which a model must show
+        # not `fmin`, which ignores a NaN operand
         case ops.Minimum():
             return functions.helper("minimum", operands)
         case ops.Maximum():
@@ -36,7 +36,7 @@ def scalar_operation(
         case ops.Clamp():
             return functions.helper("clamp", operands)
         case ops.Compare(relation):
-            # in constant time a comparison is a word of its own, that no branch may be made of
+            # in constant time `truth` prevents the compiler from branching on the comparison
             return functions.truth(c.Binary(relation.value, *operands))
         case ops.Select():
             return functions.select(kind, *operands)
@@ -47,12 +47,12 @@ def scalar_operation(
 
 
 def expression_size(expression: c.Expression) -> int:
-    """Number of operations and calls in an expression; indexing counts nothing."""
+    """Number of operations and calls in an expression; indexing does not count."""
     match expression:
         case (
             c.Name() | c.Real() | c.Integer() | c.Unsigned() | c.Truth() | c.Member() | c.Element()
         ):
-            # loads are not counted: what is limited is the length of a line, and how deep it nests
+            # loads do not count: the limit concerns line length and nesting
             return 0
         case c.Unary(_, operand) | c.Convert(_, operand):
             return 1 + expression_size(operand)

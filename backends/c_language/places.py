@@ -1,4 +1,4 @@
-"""Addresses numbers in memory as arrays with strides, so that moving axes copies nothing."""
+"""Strided views of memory, so that moving axes needs no copy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from backends.c_language.tree import Binary, Element, Expression, Name, Real, Tr
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """constant + Σ coefficient · variable; variables are counters of loops and heads of rings."""
+    """constant + Σ coefficient · variable; variables are loop counters and heads of rings."""
 
     constant: int = 0
     terms: tuple[tuple[str, int], ...] = ()
@@ -20,12 +20,12 @@ class Index:
         terms = dict(self.terms)
         for variable, coefficient in other.terms:
             terms[variable] = terms.get(variable, 0) + coefficient
-        # a coefficient of 0 is no term: an index is known exactly where no term is left
+        # drop terms with coefficient 0: an index without terms is constant
         kept = tuple((variable, c) for variable, c in terms.items() if c)
         return Index(self.constant + other.constant, kept)
 
     def times(self, factor: int) -> Index:
-        # of repeated axes, whose stride is 0: the counter must not appear in the text
+        # broadcast axes have stride 0: the counter must not appear
         if factor == 0:
             return Index()
         return Index(self.constant * factor, tuple((v, c * factor) for v, c in self.terms))
@@ -48,10 +48,10 @@ def variable(name: str) -> Index:
 
 @dataclass(frozen=True, slots=True)
 class ArrayView:
-    """A value of the given shape in flat storage: element [i…] is number offset + Σ strides·i.
+    """A value in flat storage: element [i…] has the index offset + Σ strides·i.
 
-    The storage is an array expression, a scalar expression (`scalar`), or known numbers, which
-    stand for themselves where the index is known.
+    The storage is an array expression, a scalar expression (`scalar`), or known values, which
+    become literals for a constant index.
     """
 
     storage: Expression | tuple[float, ...]
@@ -61,7 +61,7 @@ class ArrayView:
     scalar: bool = False
     boolean: bool = False
     table: Callable[[], Expression] | None = None
-    """Makes the array that holds known numbers, for an index that is not known."""
+    """Creates the array of known values, for a variable index."""
 
     @staticmethod
     def array(
@@ -69,7 +69,7 @@ class ArrayView:
         shape: tuple[int, ...],
         table: Callable[[], Expression] | None = None,
     ) -> ArrayView:
-        """Storage in C order that holds just this value."""
+        """Storage in C order with exactly this value."""
         return ArrayView(storage, shape, c_strides(shape), table=table)
 
     @staticmethod
@@ -80,7 +80,7 @@ class ArrayView:
         return replace(self, boolean=boolean)
 
     def reshaped_single(self, shape: tuple[int, ...]) -> ArrayView:
-        """A scalar expression as every element of a shape."""
+        """A scalar expression, repeated to a shape."""
         assert self.scalar
         return self._bare(shape)
 
@@ -92,7 +92,7 @@ class ArrayView:
         position = self.position(indices)
         if not isinstance(self.storage, tuple):
             return Element(self.storage, position.expression())
-        # a number of the spec where it is used: an array in flash is made only for a loop
+        # a literal; an array in flash is needed only for loops
         if not position.terms:
             number = self.storage[position.constant]
             return Truth(bool(number)) if self.boolean else Real(number)
@@ -106,8 +106,8 @@ class ArrayView:
         return result
 
     def repeated(self, shape: tuple[int, ...], kept: Sequence[int | None]) -> ArrayView:
-        """Axes in a new order; `kept[i]` is the axis of this place at i, None to repeat along i."""
-        # a stride of 0 stays at the same number
+        """Axes in a new order; `kept[i]` is the old axis at position i, None to repeat along i."""
+        # a stride of 0 repeats the same element
         strides = tuple(0 if axis is None else self.strides[axis] for axis in kept)
         if self.scalar:
             return self._bare(shape)
@@ -122,14 +122,14 @@ class ArrayView:
         )
 
     def reshaped(self, shape: tuple[int, ...]) -> ArrayView | None:
-        """The same numbers under another shape; None where that takes a copy."""
+        """The same elements in another shape; None if that needs a copy."""
         if self.scalar:
             return self._bare(shape)
         strides = _reshaped_strides(self.shape, self.strides, shape)
         return None if strides is None else replace(self, shape=shape, strides=strides)
 
     def _bare(self, shape: tuple[int, ...]) -> ArrayView:
-        """A scalar expression needs no index however many times it is repeated."""
+        """A scalar expression needs no index, also if repeated."""
         return replace(self, shape=shape, strides=(0,) * len(shape))
 
 
@@ -145,7 +145,7 @@ def c_strides(shape: tuple[int, ...]) -> tuple[int, ...]:
 def _reshaped_strides(
     shape: tuple[int, ...], strides: tuple[int, ...], new: tuple[int, ...]
 ) -> tuple[int, ...] | None:
-    """Strides of the new shape, if its axes split or join axes that lie in one row in memory."""
+    """Strides of the new shape if its axes split or join contiguous axes; otherwise None."""
     # the stride of an axis with one element is never used
     old_axes = [(n, s) for n, s in zip(shape, strides, strict=True) if n != 1]
     new_sizes = [n for n in new if n != 1]
@@ -154,7 +154,7 @@ def _reshaped_strides(
     while i < len(old_axes) and j < len(new_sizes):
         last_old, last_new = i, j
         old_size, new_size = old_axes[i][0], new_sizes[j]
-        # the fewest axes of both shapes that have the same number of elements
+        # the smallest groups of axes with the same number of elements
         while old_size != new_size:
             if old_size < new_size:
                 last_old += 1
@@ -164,7 +164,7 @@ def _reshaped_strides(
                 new_size *= new_sizes[last_new]
         group = old_axes[i : last_old + 1]
         for (_, outer), (size, inner) in pairwise(group):
-            # to be joined, a step outside has to be as far as all steps inside
+            # joined axes must be contiguous: outer stride = inner size · inner stride
             if outer != size * inner:
                 return None
         step = group[-1][1]

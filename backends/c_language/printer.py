@@ -1,4 +1,4 @@
-"""Prints the C tree: mechanical, one statement a line, every mixed operation in parentheses."""
+"""Prints the C tree: one statement per line, nested operations in parentheses."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class Printer:
     prefix: str
     dtype: Dtype = "float32"
     sum_bits: Literal[32, 64] = 32
-    """Size of a sum in fixed point."""
+    """Bits of a sum in fixed point."""
     places_tables: bool = False
-    """Declares constant arrays by the macro that places them in flash (`placement`)."""
+    """True to declare constant arrays with the macro that places them in flash (`placement`)."""
 
     exact: ClassVar[bool] = False
-    """Writes numbers in hexadecimal where they are long."""
+    """True to write long numbers in hexadecimal."""
 
     @property
     def real(self) -> str:
@@ -47,16 +47,16 @@ class Printer:
                 assert_never(type)
 
     def function(self, function: c.Function) -> str:
-        """The definition, after its doc comment."""
+        """The definition, preceded by its doc comment."""
         doc = f"{comment(function.doc)}\n" if function.doc else ""
         head = self.prototype(function)
-        # wrapped last, when the indent is known; a line break changes no token
+        # wrapped last, when the indent is known
         lines = [part for line in self._block(function.body, 1) for part in wrapped(line)]
         body = "\n".join(lines)
         return f"{doc}{head}\n{{\n{body}\n}}\n"
 
     def prototype(self, function: c.Function) -> str:
-        """The head of the function, without a semicolon, wrapped where it is long."""
+        """The head of the function without semicolon, wrapped if it is long."""
         storage = f"{'static ' if function.static else ''}{'inline ' if function.inline else ''}"
         head = f"{storage}{function.result} {function.name}("
         arguments = [_argument(argument) for argument in function.arguments] or ["void"]
@@ -72,11 +72,10 @@ class Printer:
             case c.Real(value):
                 return self.number(value)
             case c.Integer(value):
-                # an int of 16 bits would cut constants of 64-bit sums: INT64_C gives them their
-                # type
+                # INT64_C, since a 16-bit int would truncate constants of 64-bit sums
                 return str(value) if self.sum_bits == 32 else _wide_literal(value)
             case c.Unsigned(value, wide):
-                # masks and bit patterns of kernels are read in hexadecimal, counters in decimal
+                # masks and bit patterns in hexadecimal, counters in decimal
                 digits = f"0x{value:X}" if self.exact and value >= 1000 else str(value)
                 return f"{digits}{'ULL' if wide else 'U'}"
             case c.Truth(value):
@@ -104,20 +103,19 @@ class Printer:
         return (exact_literal if self.exact else real_literal)(value, self.dtype)
 
     def operand(self, expression: c.Expression) -> str:
-        """The expression as a part of another one: in parentheses unless it holds together."""
+        """The expression as an operand, in parentheses if needed."""
         text = self.expression(expression)
         match expression:
             case c.Unary() | c.Binary() | c.Conditional() | c.Convert():
                 return f"({text})"
-            # `a - -1` is legal, `a--1` is not, and readers stop at both
-            # "(" begins a cast: doubles have `(double)NAN`
+            # negative literals, for readability; "(" starts a cast, such as `(double)NAN`
             case c.Real() | c.Integer() if text.startswith(("-", "(")):
                 return f"({text})"
             case _:
                 return text
 
     def table(self, table: c.ConstantTable) -> str:
-        """The definition of a constant array, several numbers a line."""
+        """The definition of a constant array, several values per line."""
         if table.type is c.CType.REAL:
             numbers = (
                 hex_literals(table.values, self.dtype)
@@ -133,11 +131,11 @@ class Printer:
         return f"{head} = {self.braced(numbers)};"
 
     def braced(self, numbers: Iterable[str], indent: str = "") -> str:
-        """The numbers in braces, as many a line as fit; the closing brace has the indent."""
+        """The numbers in braces, as many per line as fit; the closing brace has the indent."""
         lines: list[str] = []
         current = begin = f"{indent}{_INDENT}"
         for number in numbers:
-            if len(current) + len(number) + len(_INDENT) + 1 > WIDTH:  # it may stand in a function
+            if len(current) + len(number) + len(_INDENT) + 1 > WIDTH:  # it may be inside a function
                 lines.append(current.rstrip())
                 current = begin
             current += f"{number}, "
@@ -170,7 +168,7 @@ class Printer:
             case c.Evaluate(value):
                 yield f"{self.expression(value)};"
             case c.Discard(name):
-                # unused arguments would be warnings, which strict builds make errors
+                # unused arguments cause warnings, which are errors in strict builds
                 yield f"(void){name};"
             case c.Loop(variable, start, stop, body, step):
                 counter = f"uint32_t {variable} = {start}U"
@@ -194,7 +192,7 @@ class Printer:
             case ():
                 yield "}"
             case (c.If() as following,):
-                # `else if` on one line: chains of ranges do not wander to the right
+                # `else if` on one line keeps the indent of chains constant
                 first, *rest = self._if(following)
                 yield f"}} else {first}"
                 yield from rest
@@ -210,9 +208,9 @@ def _wide_literal(value: int) -> str:
 
 
 def placement(prefix: str) -> str:
-    """The macro of constants: with `<PREFIX>_IN_FLASH`, gcc for AVR reads them where they are.
+    """The macro of constants: with `<PREFIX>_IN_FLASH`, gcc for AVR reads them from flash.
 
-    It has a named address space for flash; elsewhere the macro is empty.
+    AVR has a named address space for flash; elsewhere the macro is empty.
     """
     macro = prefix.upper()
     return (

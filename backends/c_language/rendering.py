@@ -1,4 +1,4 @@
-"""Fills the C templates; everything that depends on the model arrives as finished text."""
+"""Fills the C templates; model-specific parts are passed as finished text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from backends.files.text_templates import text_templates
 
 
 class Generated(Protocol):
-    """The facts that every file of an export shows: its model, how its names begin."""
+    """The facts that every file of an export needs: model name and prefix."""
 
     @property
     def model(self) -> str:
@@ -22,13 +22,13 @@ class Generated(Protocol):
 
     @property
     def takes_parameters(self) -> bool:
-        """Whether functions take a pointer to parameters."""
+        """True if functions have a pointer to parameters."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class GeneratedNames:
-    """The names of an export whose functions take no parameters."""
+    """The names of an export whose functions have no parameters pointer."""
 
     model: str
     prefix: str
@@ -40,7 +40,7 @@ _WITHOUT_CALIBRATION = {"calibrates": False}
 
 
 def render(template: str, interface: Generated, title: str, folder: str = "c", **facts: Any) -> str:
-    """The template of that name in a folder of `templates`, with the names that all of them use."""
+    """Renders a template of a folder of `templates`, with the common names."""
     prefix = interface.prefix
     banner = comment(f"{title} of the model `{interface.model}`. Made by msnn; do not edit.")
     common = {
@@ -52,7 +52,7 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
         **_WITHOUT_JACOBIAN,
         **_WITHOUT_CALIBRATION,
     }
-    # facts of a file win over the empty ones: most files know neither Jacobian nor calibration
+    # facts of a file override the defaults; most files have no Jacobian and no calibration
     text = text_templates().get_template(f"{folder}/{template}").render(common | facts)
     if not template.endswith((".c.j2", ".h.j2")):
         return text
@@ -60,6 +60,6 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
 
 
 def _fitted(line: str) -> list[str]:
-    """The line broken where a long name made it too long; directives cannot be broken."""
+    """Wraps a line that is too long; preprocessor directives cannot be wrapped."""
     # a directive ends with its line
     return [line] if line.startswith("#") else wrapped(line)

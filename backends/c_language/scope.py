@@ -1,4 +1,4 @@
-"""Collects a block of C while it is written: statements, loops and the names of its function."""
+"""Collects a block of C under construction: statements, loops and local names."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ARGUMENTS = ("s", "p", "u", "y", "x0", "status")
 
 @dataclass(frozen=True, slots=True)
 class SpecName:
-    """A name that the spec gives a value, apart from one like it that is made up here."""
+    """A name from the spec, in contrast to a generated name."""
 
     text: str
 
@@ -28,26 +28,26 @@ LocalName: TypeAlias = str | SpecName
 
 
 class LocalNames:
-    """Names of one function's variables: no two are equal and none hides what a header declares."""
+    """Names of one function's variables: unique, and never hiding a declaration of a header."""
 
     def __init__(self, prefix: str, of_spec: Iterable[str] = ()) -> None:
-        """Names `of_spec` are kept for the values that the spec calls so; others give way."""
+        """Names `of_spec` are reserved for the values of the spec; other names avoid them."""
         self._prefix = prefix.lower()
         self._taken = {*_COUNTERS, *_ARGUMENTS}
         self._numbers: dict[str, int] = {}
         self._kept = {name: self._new(name) for name in dict.fromkeys(of_spec)}
 
     def fresh(self, name: LocalName) -> str:
-        """A new name like the given one; the spec's own at its first use."""
+        """A new name similar to the given one; a name of the spec is used as is the first time."""
         if isinstance(name, str):
             return self._new(name)
-        # once: a second value under that name, such as the row of a loop, gets a number
+        # once: a second value with that name, such as a row in a loop, gets a number
         return self._kept.pop(name.text, None) or self._new(name.text)
 
     def reserve(self, name: str) -> None:
-        """Takes exactly this name, before any other is made."""
+        """Reserves exactly this name; called before others are created."""
         of_spec = next((own for own, kept in self._kept.items() if kept == name), None)
-        # the argument takes the name; the value of the spec gets another one
+        # the argument gets the name; the value of the spec gets another one
         if of_spec is not None:
             del self._kept[of_spec]
             return
@@ -55,14 +55,14 @@ class LocalNames:
         self._taken.add(name)
 
     def _new(self, name: str) -> str:
-        # names with the prefix are those of the headers
+        # names with the prefix belong to the headers
         if name.lower().startswith(self._prefix):
             name = f"v_{name}"
         return c_identifier(name, self._taken, self._numbers)
 
 
 class BlockScope:
-    """Statements of a block; inner blocks are made by `loop`."""
+    """Statements of a block; `loop` creates inner blocks."""
 
     def __init__(self, names: LocalNames, depth: int = 0, note: str = "") -> None:
         self.statements: list[c.Statement] = []
@@ -71,18 +71,18 @@ class BlockScope:
         self._note = note
 
     def fresh(self, name: LocalName) -> str:
-        """A name that nothing in the function has yet."""
+        """A name that is not used in the function yet."""
         return self._names.fresh(name)
 
     def reserve(self, name: str) -> None:
-        """Takes exactly this name."""
+        """Reserves exactly this name."""
         self._names.reserve(name)
 
     def add(self, statement: c.Statement) -> None:
         self.statements.append(statement)
 
     def note(self, text: str, about: str = "") -> bool:
-        """A comment before the next statement, unless the last one was about the same."""
+        """Adds a comment, unless the previous one was about the same thing; True if added."""
         about = about or text
         if not text or about == self._note:
             return False
@@ -93,19 +93,19 @@ class BlockScope:
     def constant(
         self, name: LocalName, value: c.Expression, type: c.CType = c.CType.REAL
     ) -> c.Name:
-        """A new constant with that value."""
+        """Declares a constant with that value."""
         local = self._names.fresh(name)
         self.add(c.Declare(type, local, value, constant=True))
         return c.Name(local)
 
     def variable(self, name: LocalName, value: c.Expression) -> c.Name:
-        """A new real variable that begins with that value."""
+        """Declares a real variable with that initial value."""
         local = self._names.fresh(name)
         self.add(c.Declare(c.CType.REAL, local, value))
         return c.Name(local)
 
     def array(self, name: LocalName, size: int, type: c.CType = c.CType.REAL) -> c.Name:
-        """A new array, not yet filled."""
+        """Declares an uninitialised array."""
         local = self._names.fresh(name)
         self.add(c.Declare(type, local, size=size))
         return c.Name(local)
@@ -116,8 +116,8 @@ class BlockScope:
 
     @contextmanager
     def loop(self, count: int, step: int = 1) -> Generator[tuple[Index, BlockScope]]:
-        """A loop over 0, step … below count: its counter and its body."""
-        # by depth, not fresh: loops beside each other may share theirs, nested ones may not
+        """A loop over 0, step, … below count: its counter and its body."""
+        # named by depth: consecutive loops share a counter, nested ones do not
         counter = _COUNTERS[self._depth]
         inner = BlockScope(self._names, self._depth + 1, self._note)
         yield variable(counter), inner
@@ -129,7 +129,7 @@ class BlockScope:
         unroll: int,
         body: Callable[[tuple[Index, ...], BlockScope], None],
     ) -> None:
-        """Writes `body` for every element: in loops, or one after the other up to `unroll`."""
+        """Writes `body` for every element: unrolled up to `unroll` elements, otherwise in loops."""
         if math.prod(shape) <= unroll:
             for indices in product(*(range(size) for size in shape)):
                 body(tuple(Index(index) for index in indices), self)
@@ -144,7 +144,7 @@ class BlockScope:
     ) -> None:
         if not rest:
             body(outer, self)
-        # an axis of one element takes no counter, of which there are eight
+        # an axis of length 1 needs none of the eight counters
         elif rest[0] == 1:
             self._nest((*outer, Index()), rest[1:], body)
         else:

@@ -1,9 +1,8 @@
-"""Defines the part of C that generated code uses, as a tree that emitters build for the printer.
+"""Defines the subset of C in generated code, as a tree for the printer.
 
 Numbers have no size here: the printer gives every literal and declaration the type of the program
-(`float` or `double`, in fixed point words and sums), so that two sizes are never mixed.
-
-A file that builds a good part of it imports it as `c`, so that what becomes C shows as such.
+(`float` or `double`, in fixed point words and sums), so that sizes are never mixed. Files that
+build much of it import it as `c`, so that C nodes are easy to recognise.
 """
 
 from __future__ import annotations
@@ -13,8 +12,11 @@ from enum import Enum
 
 
 class CType(Enum):
-    """Type of a scalar or of the elements of an array; REAL, and in fixed point WORD, SUM and the
-    unsigned type of a sum's size, BITS, are the program's own."""
+    """Type of a scalar or of array elements.
+
+    REAL is the program's real type; in fixed point WORD, SUM and BITS (unsigned, of the size of a
+    sum) are its types.
+    """
 
     REAL = "real"
     BOOL = "bool"
@@ -67,7 +69,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """`pointer->field`, or `value.field` of a struct that is no pointer."""
+    """`pointer->field`, or `value.field` of a struct."""
 
     base: str
     field: str
@@ -110,7 +112,7 @@ class Conditional:
 
 @dataclass(frozen=True, slots=True)
 class Convert:
-    """`(type)x` of a plain variable, an element, a literal or the result of a call."""
+    """`(type)x` of a variable, an element, a literal or the result of a call."""
 
     type: CType
     operand: Expression
@@ -145,7 +147,7 @@ Expression = (
 
 @dataclass(frozen=True, slots=True)
 class Declare:
-    """A local scalar (`size` None) with its value, or an array, perhaps with its elements."""
+    """A local scalar (`size` None) with its value, or an array, optionally with its elements."""
 
     type: CType
     name: str
@@ -159,13 +161,13 @@ class Declare:
 
 @dataclass(frozen=True, slots=True)
 class ConstantTable:
-    """A constant array, local to its function, of numbers of its type."""
+    """A constant array of numbers, local to its function."""
 
     name: str
     values: tuple[float, ...]
     type: CType = CType.REAL
     hexadecimal: bool = False
-    """Data that nobody reads is written without rounding to decimals."""
+    """True for exact hexadecimal literals, for data that nobody reads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +195,7 @@ class Evaluate:
 
 @dataclass(frozen=True, slots=True)
 class Discard:
-    """`(void)name;` for a parameter that this function does not need."""
+    """`(void)name;` for an unused parameter."""
 
     name: str
 
@@ -232,7 +234,7 @@ class Comment:
     text: str
 
 
-# closed unions: pyright names each `match` of printer and passes that forgets a new kind
+# closed unions: pyright reports each `match` that forgets a new kind
 Statement = (
     Declare | ConstantTable | Assign | SetBits | Evaluate | Discard | Loop | If | Return | Comment
 )
@@ -243,7 +245,7 @@ Statement = (
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """A parameter of a function, its type written out: `const veh_in_t *`."""
+    """A parameter of a function with its type as text: `const veh_in_t *`."""
 
     type: str
     name: str
@@ -251,7 +253,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Function:
-    """A function definition; `result` is its return type written out."""
+    """A function definition; `result` is its return type as text."""
 
     name: str
     result: str

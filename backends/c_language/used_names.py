@@ -1,4 +1,4 @@
-"""Finds the variables that statements of C use."""
+"""Finds the variables that C statements use."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from backends.c_language.tree import Name, Statement
 
 
 def used_names(statements: Iterable[Statement]) -> frozenset[str]:
-    """The names of all variables that occur in expressions of the statements."""
+    """The names of all variables in expressions of the statements."""
     found = set[str]()
     waiting: list[Any] = [*statements]
     while waiting:

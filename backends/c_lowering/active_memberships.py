@@ -1,4 +1,4 @@
-"""Writes which fuzzy sets a value belongs to, and the degrees of membership in these alone."""
+"""Writes the search for active fuzzy sets, and the degrees of membership of these only."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from compiler.ir.types import Axis, Type
 
 @dataclass(frozen=True, slots=True)
 class ActiveMemberships:
-    """The sets that can be other than 0, and their degrees."""
+    """The sets with possibly nonzero degrees, and their degrees."""
 
     positions: tuple[Index, ...]
     degrees: tuple[c.Expression, ...]
@@ -34,9 +34,9 @@ def active_memberships(
     locals: LocalValues,
     scope: BlockScope,
 ) -> ActiveMemberships:
-    """Writes the search and the degrees, with the arithmetic of the formula for all sets.
+    """Writes the search and the degrees, with the arithmetic of the general formula.
 
-    `points` are centres or bounds, `numbers` their values where they are known.
+    `points` are centres or bounds, `numbers` their values if known at compile time.
     """
     locals.notes.write(node, scope)
     writer = _Writer(node, value, points, numbers, locals, scope)
@@ -69,23 +69,23 @@ class _Writer:
         self._at = c.Name(scope.fresh(f"{self._name}_at"))
 
     def triangular(self) -> ActiveMemberships:
-        """Two neighbours; beyond the ends one, by the formula whose slope is 0 there."""
+        """Two neighbouring sets; beyond the ends one set with the constant formula."""
         scope, last, first = self._scope, self._count - 1, variable(self._at.text)
         here, following = (c.Name(scope.fresh(f"{self._name}_{n}")) for n in ("here", "next"))
         scope.add(c.Declare(c.CType.UNSIGNED, self._at.text, c.Unsigned(0)))
         scope.add(c.Declare(c.CType.REAL, here.text))
         scope.add(c.Declare(c.CType.REAL, following.text))
         below, above, inside = scope.inner(), scope.inner(), scope.inner()
-        # a NaN reaches no point and comes here, so that it gives NaN and reads within the arrays
+        # NaN fails all comparisons and comes here: the result is NaN, and reads stay in bounds
         below.assign(here, self._beyond(0))
         below.assign(following, c.Real(0.0))
         above.assign(self._at, c.Unsigned(last - 1))
         above.assign(here, c.Real(0.0))
         above.assign(following, self._beyond(last))
-        # the search runs where the value is between the ends, so its index needs no bounds
+        # the value is between the ends, so the search needs no bounds check
         self._find_interval(inside)
         slope = self._slope(inside)
-        # below the next centre: no zero whose sign the formula's (x - c) * (-slope) would turn
+        # below the next centre: no zero whose sign would differ from (x - c) * (-slope)
         inside.assign(
             here,
             c.Binary("*", c.Binary("-", self._point(first.plus(Index(1))), self._value), slope),
@@ -98,13 +98,13 @@ class _Writer:
         return ActiveMemberships((first, first.plus(Index(1))), (here, following))
 
     def rectangular(self) -> ActiveMemberships:
-        """One set: as many bounds as the value reaches are below it."""
+        """One set; its index is the number of bounds at or below the value."""
         self._scope.add(c.Declare(c.CType.UNSIGNED, self._at.text, c.Unsigned(0)))
         self._search(self._count + 1, -1, self._scope)
         return ActiveMemberships((variable(self._at.text),), (c.Real(1.0),))
 
     def _find_interval(self, scope: BlockScope) -> None:
-        """The interval of a value from the first to below the last centre."""
+        """The interval of a value between the first and the last centre."""
         even = None
         if self._numbers is not None:
             even = even_points(self._numbers, self._locals.functions.dtype)
@@ -116,8 +116,7 @@ class _Writer:
     def _calculate(self, even: EvenPoints, scope: BlockScope) -> None:
         distance = _difference(self._value, c.Real(even.origin))
         place = scope.constant(f"{self._name}_place", c.Binary("*", distance, c.Real(even.factor)))
-        # even points: the interval follows from one product; rounding may be one interval too far
-        # up
+        # even points: one product gives the interval; rounding may give the next one
         scope.assign(self._at, c.Convert(c.CType.UNSIGNED, place))
         if not even.exact:
             rounded_up = c.Binary("<", self._value, self._point(variable(self._at.text)))
@@ -125,11 +124,11 @@ class _Writer:
             scope.add(c.If(rounded_up, (back,)))
 
     def _search(self, count: int, offset: int, scope: BlockScope) -> None:
-        """Halves `count` intervals until one is left; always the same number of comparisons."""
+        """Binary search over `count` intervals, with a constant number of comparisons."""
         where = variable(self._at.text)
         reached = Index()
         while count > 1:
-            # the same comparisons for every value, so that times differ by branches only
+            # the same number of comparisons for every value
             half = count // 2
             step = c.Assign(self._at, c.Binary("+", self._at, c.Unsigned(half)))
             bound = reached.plus(Index(half + offset))
@@ -138,14 +137,14 @@ class _Writer:
             reached = where
 
     def _slope(self, scope: BlockScope) -> c.Expression:
-        """1 / (cᵢ₊₁ − cᵢ) of the interval, as the formula for all sets has it."""
+        """1 / (cᵢ₊₁ − cᵢ) of the interval, as in the general formula."""
         where = variable(self._at.text)
         if self._numbers is None:
             width = c.Binary("-", self._point(where.plus(Index(1))), self._point(where))
             return scope.constant(f"{self._name}_slope", c.Binary("/", c.Real(1.0), width))
         slopes = 1.0 / np.diff(np.array(self._numbers))
         rounded = slopes.astype(self._locals.functions.dtype)
-        # even points have one slope, a number in the code
+        # evenly spaced points have a common factor, written as a literal
         if np.all(rounded == rounded[0]):
             return c.Real(float(rounded[0]))
         type = Type((Axis("interval", len(slopes)),))
@@ -153,7 +152,7 @@ class _Writer:
         return scope.constant(f"{self._name}_slope", table.element((where,)))
 
     def _beyond(self, end: int) -> c.Expression:
-        """1 for every finite value, NaN for the others."""
+        """1 for every finite value, otherwise NaN."""
         distance = _difference(self._value, self._point(Index(end)))
         return c.Binary("+", c.Binary("*", distance, c.Real(0.0)), c.Real(1.0))
 

@@ -1,4 +1,6 @@
-"""Finds sums that may skip inactive fuzzy sets, and the values that then exist by element only."""
+"""Finds sums that can skip inactive fuzzy sets, and values that are then needed per element
+only.
+"""
 
 from __future__ import annotations
 
@@ -19,21 +21,21 @@ from compiler.passes.analyses.compact_sets import (
 
 @dataclass(frozen=True, slots=True)
 class ActiveSums:
-    """The values that a function treats in its own way which evaluates active sets only."""
+    """The values that need special treatment if only active sets are evaluated."""
 
     sets: dict[NodeId, CompactSets] = field(default_factory=dict[NodeId, CompactSets])
-    """Degrees of membership of which only those of active sets are computed."""
+    """Degrees of membership that are computed for active sets only."""
     sums: dict[NodeId, NodeId] = field(default_factory=dict[NodeId, NodeId])
-    """Sums of the terms of active sets only, and those sets."""
+    """Sums over the terms of active sets only, with their sets."""
     parts: frozenset[NodeId] = frozenset()
-    """Values that only such sums read: computed where they are used, never kept."""
+    """Values that only such sums read: computed where they are used, not stored."""
 
 
 def sums_of_active_sets(program: Program, memories: Iterable[StateMemory]) -> list[NodeId]:
-    """The sums of a step of which generated C computes the terms of active sets only.
+    """The sums of a step that generated C computes over active sets only.
 
-    An infinite or NaN term of another set makes the sum NaN in the interpreter, not in C: nothing
-    is promised of a step in which one of these sums is not finite.
+    An infinite or NaN term of an inactive set makes the sum NaN in the interpreter, but not in C.
+    Steps with such sums have no guaranteed results.
     """
     read = seen_values(program) + [joining(memory) for memory in memories]
     return [*find_active_sums(program.step, read).sums]
@@ -42,8 +44,8 @@ def sums_of_active_sets(program: Program, memories: Iterable[StateMemory]) -> li
 def find_active_sums(graph: Graph, roots: Iterable[NodeId]) -> ActiveSums:
     """The sums whose result has the same bits without the terms that are 0.
 
-    That is so where +0 is added to the sum (`settle_zeros`), so that a sum of zeros has no sign.
-    Fuzzy sets that something else reads too are computed as they are.
+    That requires that +0 is added to the sum (`settle_zeros`), so that a sum of zeros is +0. Fuzzy
+    sets with other users are computed completely.
     """
     found = compact_sets(graph)
     support = supports(graph, found)
@@ -51,14 +53,14 @@ def find_active_sums(graph: Graph, roots: Iterable[NodeId]) -> ActiveSums:
     users = _users(graph, roots)
     sums = {node: sets for node, sets in sums.items() if _settled(graph, users[node])}
     carried: list[set[NodeId]] = [set() for _ in graph.nodes]
-    # users have higher numbers: what they carry is known when their operand is looked at
+    # users have higher ids, so they are processed before their operands
     for index in range(len(graph) - 1, -1, -1):
         read_by = users[index]
         carried[index] = {
             sets
             for sets in support[index].values()
-            # a sum along another axis asks for the sets that are 0 too
-            # a value that nobody reads carries nothing: `all` of nothing would be true
+            # a sum along another axis needs all sets; an unused value needs none, so `read_by` is
+            # tested first
             if read_by
             and all(
                 user is not None and (sums.get(user) == sets or sets in carried[user])
@@ -72,7 +74,7 @@ def find_active_sums(graph: Graph, roots: Iterable[NodeId]) -> ActiveSums:
 
 
 def _users(graph: Graph, roots: Iterable[NodeId]) -> list[list[NodeId | None]]:
-    """The nodes that read each node; None where the surroundings do."""
+    """The nodes that read each node; None marks a root."""
     users: list[list[NodeId | None]] = [[] for _ in graph.nodes]
     wanted = set(roots)
     for root in wanted:

@@ -1,4 +1,4 @@
-"""Looks through structure: a slice of a slice, or of one part of a concatenation, needs no copy."""
+"""Simplifies slices of slices and of concatenations, which then need no copy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from compiler.ir.program import Graph, Node, NodeId
 
 
 def forward_slices(graph: Graph) -> Graph:
-    """The graph with every slice taken from where its elements come from; ids stay the same.
+    """The graph with every slice taken directly from the source of its elements; ids do not change.
 
     %3: concat(%0, %1) over t;  %4: %3[t, 5:6]    ->    %4: %1[t, 1:2]
     """
@@ -36,17 +36,17 @@ def _forwarded(nodes: list[Node], node: Node) -> Node:
 
 
 def _taken(nodes: list[Node], node: Node, source: NodeId, start: int) -> Node:
-    """The slice taken from another node, or that node itself where it is all of it."""
+    """The slice of another node, or a reshape of that node if it is the whole of it."""
     assert isinstance(node.op, Slice)
     size = node.op.stop - node.op.start
     whole = nodes[source].type.axes == node.type.axes
-    # ids stay, so that the node stays: a reshape of the same shape costs nothing
+    # the node must stay, so that ids do not change; a reshape to the same shape is free
     op = Reshape() if whole else Slice(node.op.axis, start, start + size)
     return replace(node, op=op, args=(source,))
 
 
 def _part(nodes: list[Node], concat: Node, wanted: Slice) -> tuple[NodeId, int] | None:
-    """The one part that has all elements of the slice, and where they begin in it."""
+    """The part that contains all elements of the slice, and their start in it."""
     begin = 0
     for part in concat.args:
         type = nodes[part].type

@@ -1,10 +1,10 @@
-"""Turns a graph into C statements, each value computed once, each loop written where it is needed.
+"""Lowers a graph to C statements; each value is computed once.
 
-A value is either a place in memory or computed where it is used. Structure (broadcast, slice,
-reshape, window) only changes how a place is indexed. A value whose elements are used once is
-computed inside its user's statement or loop; one that is used more often is kept in a local. The
-surroundings say where inputs, parameters and states stand, so that a controller's step, its start
-and other users of the emitter share this file.
+A value is either a place in memory or an expression at its use. Structural operations (broadcast,
+slice, reshape, window) only change the indexing of a place. A value whose elements are used once is
+computed in the statement or loop of its user; other values are stored in a local. A `LeafSource`
+gives the places of inputs, parameters and states, so the step, the start and training kernels share
+this code.
 """
 
 from __future__ import annotations
@@ -43,26 +43,28 @@ _DENSE = ActiveSums()
 """Every set of every sum is evaluated."""
 
 _STILL: Mapping[NodeId, ShiftBuffer] = {}
-"""No sum moves a buffer."""
+"""No sum shifts a buffer."""
 
 _DEEPEST = 40
-"""Values computed inside one another; deeper ones are kept, so that recursion is bounded."""
+"""Maximum nesting of expressions; deeper values are stored, so that recursion is bounded."""
 
 
 class LeafSource(Protocol):
-    """Finds for a graph what is not computed in it."""
+    """Gives the places of values that a graph does not compute."""
 
     def read(self, op: ops.AnyRead, type: Type) -> ArrayView:
         """The samples, the parameter or the state as a view of memory."""
         ...
 
     def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
-        """Adds the newest sample behind a buffer: where its window stands; None if it cannot."""
+        """Appends the newest sample to a buffer; returns the place of its window, or None if
+        impossible.
+        """
         ...
 
 
 class GraphLowering:
-    """The values of the nodes that `roots` need, written into `scope` as far as they are kept."""
+    """The values of the nodes that `roots` depend on; stored values are written to `scope`."""
 
     def __init__(
         self,
@@ -74,7 +76,7 @@ class GraphLowering:
         active: ActiveSums = _DENSE,
         moving: Mapping[NodeId, ShiftBuffer] = _STILL,
     ) -> None:
-        # slices move to the operands first: what is not read is not computed
+        # slices move to the operands first, so that unused elements are not computed
         self._graph = forward_slices(graph)
         self._surroundings = surroundings
         self._scope = scope
@@ -87,24 +89,24 @@ class GraphLowering:
             if demand:
                 node = self._graph[index]
                 value = self._value(index, node)
-                # read once it is computed where it is read; read again it is kept in a local, as C
-                # compilers share no work across loops
+                # a value with one use is computed there; otherwise it is stored in a local, as C
+                # compilers do not share work between loops
                 often = demand == MANY and index not in active.parts
                 if isinstance(value, Computed) and (often or value.depth > _DEEPEST):
                     value = locals.kept(node, value, locals.name(node), scope)
                 self._values[index] = value
 
     def value(self, node: NodeId) -> Value:
-        """The value as it is: a place, or the recipe of its elements."""
+        """The value: a place, or the recipe of its elements."""
         return self._values[node]
 
     def place(self, node: NodeId, name: str) -> ArrayView:
-        """The place of a value, kept in a local of that name if it has none yet."""
+        """The place of a value; it is stored in a local of that name if it has none."""
         value = self._values[node]
         return value if isinstance(value, ArrayView) else self.copy(node, name)
 
     def copy(self, node: NodeId, name: str) -> ArrayView:
-        """A local of that name with the value."""
+        """A new local of that name with the value."""
         value = self._values[node]
         kept = self._locals.kept(self._graph[node], value, name, self._scope)
         self._values[node] = kept
@@ -116,7 +118,7 @@ class GraphLowering:
         copy_value(self._values[node], target, self._scope, self._locals.unroll)
 
     def store_part(self, node: NodeId, part: Value, target: ArrayView) -> None:
-        """Writes a part of its elements to another place."""
+        """Writes some of its elements to another place."""
         self._locals.notes.write(self._graph[node], self._scope)
         copy_value(part, target, self._scope, self._locals.unroll)
 
@@ -157,12 +159,12 @@ class GraphLowering:
                 assert_never(node.op)
 
     def _active_memberships(self, index: NodeId, node: Node) -> Computed:
-        """Degrees that are known for active sets only; nothing asks for another one."""
+        """Degrees of active sets only; no other elements are used."""
         sets = self._active.sets[index]
         value = element_of(self._values[sets.value], (), self._scope)
         points, known = self._values[sets.points], self._graph[sets.points]
         assert isinstance(points, ArrayView)
-        # knots that are numbers may stand evenly: then a division finds the active set
+        # constant knots may be evenly spaced: then one product finds the active set
         numbers = known.op.values if isinstance(known.op, ops.Constant) else None
         found = active_memberships(
             node, sets.shape, value, points, numbers, self._locals, self._scope
@@ -177,7 +179,7 @@ class GraphLowering:
     def _moving_sum(
         self, node: Node, factors: Sequence[tuple[Value, Type]], memory: ShiftBuffer
     ) -> ArrayView:
-        """A sum over a buffer, written where it stands, as the buffer moves with it."""
+        """A sum over a buffer, written at this point, as it also shifts the buffer."""
         locals = self._locals
         weights = [(v, type) for v, type in factors if v != memory.window]
 
@@ -188,7 +190,7 @@ class GraphLowering:
                 sample = scalar_operation(ops.Multiply(), (weight, sample), locals.functions)
             return sample
 
-        # one factor is the window that moves; the newest sample joins it in the sum itself
+        # one factor is the shifted window; the sum itself appends the newest sample
         (newest,) = (
             self._values[self._graph[arg].args[0]]
             for arg in node.args
@@ -207,7 +209,7 @@ class GraphLowering:
         def make(indices: Indices, scope: BlockScope) -> Expression:
             operands = tuple(element_of(arg, indices, scope) for arg in args)
             if isinstance(op, ops.Select) and isinstance(operands[1], Binary):
-                # between `?` and `:` checkers of MISRA's precedence rule want no operation
+                # MISRA's precedence rule forbids operations between `?` and `:`
                 then = scope.constant(self._locals.name(node), operands[1])
                 operands = (operands[0], then, operands[2])
             return scalar_operation(op, operands, self._locals.functions, node.type.kind)
@@ -224,7 +226,7 @@ class GraphLowering:
         place = value.reshaped(node.type.shape)
         if place is None:
             source, name = self._graph[node.args[0]], self._locals.name(node)
-            # a view with gaps between its numbers has no strides in the other shape: a copy has
+            # a view with gaps cannot be reshaped by strides: copy it
             place = self._locals.kept(source, value, name, self._scope).reshaped(node.type.shape)
             assert place is not None
         return place
@@ -246,9 +248,9 @@ class GraphLowering:
         if place is not None:
             return place
         *axes, window = node.type.axes
-        # a buffer without room behind it (a delay line): the window is put together in a local
+        # a buffer without room for the newest sample (a delay line): copy the window to a local
         past = node.type.with_axes((*axes, Axis(WINDOW, window.size - 1)))
         last = newest.reshaped((*newest.shape, 1))
-        assert last is not None  # an axis of length 1 can always be added
+        assert last is not None  # adding an axis of length 1 is always possible
         parts = [self._surroundings.read(ops.ReadState(op.state), past), last]
         return self._joined(node, parts, len(axes))

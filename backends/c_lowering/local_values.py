@@ -1,4 +1,4 @@
-"""Gives values a local variable: constants for parts of long expressions, arrays for the rest."""
+"""Stores values in local variables: constants for subexpressions, arrays for the rest."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from compiler.ir.program import Node
 from compiler.ir.types import Type
 
 _LONGEST_EXPRESSION = 5
-"""Operations in one statement; more than that get a name."""
+"""Maximum number of operations in one statement; longer expressions are split."""
 
 
 class LocalValues:
@@ -35,25 +35,25 @@ class LocalValues:
         self.functions = functions
         self.notes = notes
         self.parallel_sums = parallel_sums
-        """Partial sums of a long sum that grow side by side; more than 1 changes its order."""
+        """Number of partial sums of a long sum; more than 1 changes the order of summation."""
         self.unroll = unroll
-        """Elements up to which loops are written out."""
+        """Maximum number of elements for which loops are unrolled."""
         self.block = block
-        """Terms of a long sum that one turn of its loop adds."""
+        """Terms of a long sum per iteration of its loop."""
         self.names_constants = names_constants
-        """Whether numbers that the spec names have their name in the text too."""
+        """True if constants that the spec names have their name in C as well."""
         self._known: dict[str, c.ConstantTable | c.Declare] = {}
-        """By their names in the text: constants that statements may use."""
+        """Constants that statements may use, by name in C."""
         self._units: dict[str, str] = {}
-        """Of constants of the spec."""
+        """Units of constants of the spec."""
 
     def name(self, node: Node, kind: str = "part") -> LocalName:
-        """The spec's for what it names; for others one of the equation and their kind."""
+        """The label of the node; otherwise a name from its equation and `kind`."""
         return SpecName(node.label) if node.label else self.notes.part_name(node, kind)
 
     def finished(self, node: Node, value: c.Expression, scope: BlockScope) -> c.Expression:
-        """The expression, or a constant for it where the spec names it or it grows long."""
-        # it has a name already, and a copy of it would say nothing
+        """The expression, or a named constant for it if the spec names it or it is long."""
+        # it already has a name
         if isinstance(value, c.Name):
             return value
         if node.label is None and expression_size(value) <= _LONGEST_EXPRESSION:
@@ -62,7 +62,7 @@ class LocalValues:
         return scope.constant(self.name(node), value, _c_type(node))
 
     def kept(self, node: Node, value: Value, name: LocalName, scope: BlockScope) -> ArrayView:
-        """The value in a local of its own."""
+        """Stores the value in a new local."""
         if node.label is not None and name == node.label:
             name = SpecName(node.label)
         boolean = node.type.kind == "bool"
@@ -72,20 +72,20 @@ class LocalValues:
             copy_value(value, place, scope, self.unroll)
             return place
         indices = [Index()] * len(node.type.shape)
-        # a scalar may have axes of length 1: an index for each
+        # a scalar may have axes of length 1, which need indices
         made = value.make(indices, scope) if isinstance(value, Computed) else value.element(indices)
-        # what the recipe has named by itself needs no second name
+        # a value that is already named needs no second name
         if isinstance(value, ArrayView) or not isinstance(made, c.Name):
             self.notes.write(node, scope)
             made = scope.constant(name, made, _c_type(node))
         return ArrayView.single(made, boolean).reshaped_single(node.type.shape)
 
     def array(self, node: Node, name: LocalName, scope: BlockScope) -> ArrayView:
-        """A new local array for the value, not yet filled."""
+        """A new uninitialised local array for the value."""
         return ArrayView.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
 
     def constants(self, statements: Sequence[c.Statement]) -> tuple[c.Statement, ...]:
-        """Constants that the statements use, to be declared before them."""
+        """Declarations of the constants that the statements use."""
         used = used_names(statements)
         known = [(name, each) for name, each in self._known.items() if name in used]
         shown = [f"{name} [{self._units[name]}]" for name, _ in known if name in self._units]
@@ -101,13 +101,13 @@ class LocalValues:
         *,
         of_spec: bool = False,
     ) -> ArrayView:
-        """Numbers that stand in the text, in a table too once a loop runs over them.
+        """A constant array: literals in expressions, or a table if a loop reads it.
 
-        A number that the spec names is a constant of that name.
+        A scalar that the spec names becomes a constant of that name.
         """
-        # by their bits: 0.0 and -0.0 compare equal and are two numbers
+        # compared by their bits, since 0.0 == -0.0
         if len({value.hex() for value in values}) == 1 and type.kind == "real":
-            # equal numbers are one literal wherever they stand: no array, no index
+            # equal elements are one literal without array or index
             if not (of_spec and self.names_constants):
                 return ArrayView.single(c.Real(values[0])).reshaped_single(type.shape)
             local = c.Name(scope.fresh(name))
@@ -119,7 +119,7 @@ class LocalValues:
             return ArrayView.single(local).reshaped_single(type.shape)
         declared: list[c.Name] = []
 
-        # declared at its first use: numbers that are read one by one are literals in the text
+        # declared at its first use in a loop: elements with constant index are literals
         def table() -> c.Expression:
             if not declared:
                 declared.append(c.Name(scope.fresh(name)))

@@ -1,4 +1,4 @@
-"""Defines the choices a user has about generated C: the `export: c:` entry of a spec."""
+"""Options of generated C: the `export: c:` entry of a spec."""
 
 from __future__ import annotations
 
@@ -15,43 +15,44 @@ Extra = Literal["jacobian", "state_jacobian", "parameter_jacobian", "feedthrough
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class COptions:
-    """The choices that `write_c` leaves; the defaults suit a core with a single-precision FPU."""
+    """Options of `write_c`; the defaults suit a core with a single-precision FPU."""
 
     dtype: Dtype = "float32"
     params: ParameterAccess = "const"
-    """`const` and `tunable` give the step a pointer to its parameters, to the defaults in flash or
-    to a copy in RAM that may change between steps (passes may fold across the first, never across
-    the second). `calibration` is `tunable` with such a copy in a section of its own, beside its
-    checksum. `inline` writes the numbers into the code and has no such pointer."""
+    """`const` and `tunable` pass a pointer to parameters to the step: constants in flash, or a
+    copy in RAM that may change between steps. `calibration` is `tunable` with the copy in a
+    separate section, next to its checksum. `inline` writes values into the code, without a
+    pointer. Passes may fold `const` parameters, but not tunable ones."""
     prefix: str | None = None
-    """Begins every public name; None takes the program's name."""
+    """Prefix of every public name; None uses the program's name."""
     math: MathLibrary = "own"
-    """`own` gives the same bits on every target; `libm` calls the target's library where it can."""
+    """`own` gives the same bits on every target; `libm` calls the target's library where
+    possible."""
     ring: Ring = "auto"
-    """How buffers move: `shift` copies by one sample a step, `double` keeps each sample twice and
-    never moves any, `auto` shifts short windows and doubles long ones."""
+    """`shift` copies a buffer by one sample per step. `double` stores each sample twice and
+    moves none. `auto` shifts short windows and doubles long ones."""
     unroll: int = 4
-    """Elements up to which a loop is written out."""
+    """Maximum number of elements for which a loop is unrolled."""
     constant_time: bool = False
-    """Whether every step takes the same instructions, whatever its numbers are."""
+    """True if every step executes the same instructions for all values."""
 
     extras: tuple[Extra, ...] = ()
-    """Functions beside the step: `jacobian` linearises it in all that it remembers and its inputs,
-    `state_jacobian` in its declared states alone instead, `parameter_jacobian` in its parameters
-    too, `feedthrough` in its inputs alone."""
+    """Additional functions: `jacobian` linearises the step in its whole memory and inputs,
+    `state_jacobian` in its declared states only, `parameter_jacobian` also in parameters,
+    `feedthrough` in inputs only."""
 
     ros2: bool = False
-    """Whether a node of ROS 2 is written around the code."""
+    """True to write a ROS 2 node around the code."""
 
     @property
     def moves_parameters(self) -> bool:
-        """Whether parameters may change between steps."""
+        """True if parameters may change between steps."""
         return self.params in ("tunable", "calibration")
 
     @property
     def is_exact(self) -> bool:
-        """Whether every build gives the bits of the float32 interpreter.
+        """True if every build gives the bits of the float32 interpreter.
 
-        In float64 the interpreter calls numpy's functions, and a C library is a third one.
+        In float64 the interpreter calls numpy's functions, which differ from a C library's.
         """
         return self.dtype == "float32" and self.math == "own"

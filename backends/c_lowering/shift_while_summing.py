@@ -1,4 +1,4 @@
-"""Sums over a shifted buffer that move it in the same loop: each sample is read once."""
+"""Sums over a shifted buffer that shift it in the same loop, reading each sample once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Term = Callable[[Index, Expression, BlockScope], Expression]
 def shifting_sums(
     graph: Graph, roots: Sequence[NodeId], states: Iterable[StateMemory], unroll: int
 ) -> dict[NodeId, ShiftBuffer]:
-    """Sums that are the only readers of a scalar's window, where it is longer than `unroll`."""
+    """Sums that are the only reader of a scalar buffer's window longer than `unroll`."""
     live = needed(graph, roots)
     buffers = {
         memory.state.name: memory
@@ -35,7 +35,7 @@ def shifting_sums(
         op = graph[root].op
         if isinstance(op, Window) and op.state in buffers:
             readers[op.state].append(None)
-        # two states with one next value: the moved samples are read once more than for the move
+        # two states with the same next value: the shifted samples have another reader
         if roots.count(root) > 1 and root in following:
             readers[following[root]].append(None)
     for index, node in graph:
@@ -51,7 +51,7 @@ def shifting_sums(
     found: dict[NodeId, ShiftBuffer] = {}
     for name, memory in buffers.items():
         match readers[name]:
-            # exactly one reader, and one buffer a sum, which has one loop
+            # exactly one reader, and one buffer per sum, since it has one loop
             case [int(reader)] if reader not in found and _sums_window(graph[reader]):
                 found[reader] = memory
             case _:
@@ -72,9 +72,9 @@ def write_moving_sum(
     block: int,
     scope: BlockScope,
 ) -> Expression:
-    """Writes the loop; `term` makes what a sample at a place of the window adds to the sum."""
+    """Writes the loop; `term` returns the contribution of a sample at an index of the window."""
     samples, kept = memory.samples, memory.shape[-1]
-    # −0 + x is x for every x, +0 + −0 would be +0
+    # −0 + x is x for every x, but +0 + −0 is +0
     sum = scope.variable(total, Real(-0.0))
     sample = scope.variable(f"{sum.text}_sample", samples.element((Index(),)))
 
@@ -86,7 +86,7 @@ def write_moving_sum(
     def move_kept(along: Index, inner: BlockScope) -> None:
         move(along, samples.element((along.plus(Index(1)),)), inner)
 
-    # all move by one, the newest to the last place; a window has one sample more than is kept
+    # all samples move by one; the window has one sample more than the buffer
     in_blocks(kept - 1, block, scope, move_kept)
     move(Index(kept - 1), newest, scope)
     scope.assign(sum, Binary("+", sum, term(Index(kept), sample, scope)))

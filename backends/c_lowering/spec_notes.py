@@ -1,4 +1,4 @@
-"""Says of generated statements which line and formula of the spec they come from."""
+"""Comments on generated statements with the line and formula of the spec."""
 
 from __future__ import annotations
 
@@ -11,19 +11,18 @@ from compiler.ir.program import Formula, Graph, Node
 from spec_schema.diagnostics.source import Span
 
 _LONGEST_FORMULA = 120
-"""Characters of a formula that a comment shows."""
+"""Maximum number of characters of a formula in a comment."""
 
 
 _LEFT = re.compile(r"(der|next)\((.*)\)")
-"""`der(x)` in a name is `x_der`."""
+"""`der(x)` becomes `x_der` in a name."""
 
 
 class SpecNotes:
     """Comments and names for the statements of one graph.
 
-    A node inside a formula has no name of its own: it goes by that of the formula, or where the
-    program keeps no formulas by that of the named value whose place in the spec holds its own, or
-    which alone is on its line.
+    A node inside a formula has no name of its own and uses that of the formula. Without formulas it
+    uses the named value whose place in the spec contains it, or the only one on its line.
     """
 
     def __init__(self, graph: Graph, formulas: Sequence[Formula] = ()) -> None:
@@ -31,21 +30,20 @@ class SpecNotes:
         for node in graph.nodes:
             if node.span is not None and node.label is not None:
                 line = self._named.setdefault((node.span.file, node.span.line), {})
-                # the first of nodes with one place: substeps of an integrator write an equation
-                # many times
+                # the first node of a place: integrator substeps repeat an equation
                 line.setdefault(node.span, node.label)
         self._formulas: dict[tuple[str, int], list[Formula]] = {}
         for formula in formulas:
             span = formula.span
-            # a formula over several lines is found from each: nodes know their own line alone
+            # a formula over several lines is registered for each of them
             for line in range(span.line, span.end_line + 1):
                 self._formulas.setdefault((span.file, line), []).append(formula)
         self._shown: set[Formula] = set()
 
     def write(self, node: Node, scope: BlockScope) -> None:
-        """Puts what the node is before the next statement of the block.
+        """Adds a comment about the node before the next statement of the block.
 
-        The formula is shown once: a step evaluates some equations many times.
+        A formula is shown once, since a step evaluates some equations many times.
         """
         if node.span is None:
             return
@@ -58,7 +56,9 @@ class SpecNotes:
             self._shown.add(formula)
 
     def part_name(self, node: Node, kind: str) -> str:
-        """A name for a value inside an equation: `drag_sum`, or `sum` where nothing is known."""
+        """A name for a value inside an equation: `drag_sum`, or `sum` if the equation is
+        unknown.
+        """
         equation = _LEFT.sub(r"\2_\1", self._equation(node) or "")
         return f"{equation}_{kind}" if equation else kind
 
@@ -77,7 +77,7 @@ class SpecNotes:
         return f"{name}{unit}, {formula.left} = {right}" if name else f"{formula.left} = {right}"
 
     def _formula(self, span: Span) -> Formula | None:
-        """The formula that the place is in."""
+        """The formula that contains the place."""
         formulas = self._formulas.get((span.file, span.line), ())
         return next((formula for formula in formulas if _holds(formula.span, span)), None)
 
@@ -90,17 +90,17 @@ class SpecNotes:
         named = self._named.get((node.span.file, node.span.line), {})
         around = [span for span in named if _holds(span, node.span)]
         if around:
-            # places are nested: of those that hold the node the innermost ends first
+            # places are nested: the innermost one ends first
             return named[min(around, key=lambda span: (span.end_line, span.end_column))]
         return next(iter(named.values())) if len(set(named.values())) == 1 else None
 
 
 def _holds(whole: Span, part: Span) -> bool:
-    """Whether the part begins in the whole, both in one file."""
+    """True if the part starts inside the whole; both are in one file."""
     begins = (part.line, part.column)
     return (whole.line, whole.column) <= begins < (whole.end_line, whole.end_column)
 
 
 def span_text(span: Span) -> str:
-    """`plant.msnn.yaml:31`; folders are left out, so that two machines write the same file."""
+    """`plant.msnn.yaml:31`; without folders, so that two machines write the same file."""
     return f"{PurePath(span.file).name}:{span.line}"

@@ -1,4 +1,4 @@
-"""Keeps each state in the struct: as a plain value, a delay line, a shifted buffer, a ring."""
+"""Memory of states in the struct: plain values, delay lines, shifted buffers, rings."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from compiler.ir.types import WINDOW
 from compiler.passes.analyses.saturation import unsaturated
 
 _LONGEST_SHIFT = 32
-"""Samples up to which moving them costs little against reading them (measured on Cortex-M4F)."""
+"""Maximum number of samples for which shifting is cheap compared with reading (Cortex-M4F)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlainState:
-    """A value of its own, replaced at the end of the step."""
+    """A state without samples, replaced at the end of the step."""
 
     state: State
     identifier: str
@@ -30,12 +30,12 @@ class PlainState:
 
     @property
     def size(self) -> int | None:
-        """Reals in the struct; None for a scalar."""
+        """Number of reals in the struct; None for a scalar."""
         return math.prod(self.shape) if self.shape else None
 
     @property
     def samples(self) -> ArrayView:
-        """The value, as `ReadState` sees it."""
+        """The value, as `ReadState` reads it."""
         return member_place("s", self.identifier, self.shape)
 
     def write(self, value: ArrayView, scope: BlockScope, unroll: int) -> None:
@@ -47,14 +47,14 @@ class PlainState:
 
 @dataclass(frozen=True, slots=True)
 class DelayLine:
-    """Samples oldest first; no window with the newest one is wanted, so it joins them last."""
+    """Samples, oldest first; the newest sample is appended at the end of the step."""
 
     state: State
     identifier: str
     shape: tuple[int, ...]
-    """Axes of the signal, then the samples that are kept."""
+    """Axes of the signal, then the stored samples."""
     newest: NodeId
-    """Node of the step whose value joins the samples."""
+    """Node of the step with the newest sample."""
 
     @property
     def size(self) -> int:
@@ -66,12 +66,12 @@ class DelayLine:
 
     @property
     def last_sample(self) -> ArrayView:
-        """The sample that joined last."""
+        """The sample that was appended last."""
         return _last(self.samples, self.shape[:-1])
 
     def write(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         axis, kept = len(self.shape) - 1, self.shape[-1]
-        # samples are copied in ascending order: each is read before it is overwritten
+        # copied in ascending order: each sample is read before it is overwritten
         rest = self.samples.sliced(axis, 0, kept - 1)
         copy_value(self.samples.sliced(axis, 1, kept), rest, scope, unroll)
         copy_value(newest, _last(self.samples, newest.shape), scope, unroll)
@@ -82,15 +82,15 @@ class DelayLine:
 
 @dataclass(frozen=True, slots=True)
 class ShiftBuffer:
-    """Samples oldest first with room for the newest one behind them; moved down after the step."""
+    """Samples, oldest first, followed by room for the newest one; shifted after the step."""
 
     state: State
     identifier: str
     shape: tuple[int, ...]
-    """Axes of the signal, then the samples that are kept."""
+    """Axes of the signal, then the stored samples."""
     in_sum: bool = False
-    """Whether a sum moves the samples while it reads them and takes the newest from elsewhere, so
-    that there is no room for it."""
+    """True if a sum shifts the samples while reading them; there is then no room for the newest
+    sample."""
 
     @property
     def size(self) -> int:
@@ -98,7 +98,7 @@ class ShiftBuffer:
 
     @property
     def window(self) -> ArrayView:
-        """All samples with the newest one."""
+        """All samples including the newest one."""
         *rows, kept = self.shape
         return ArrayView.array(c.Member("s", self.identifier), (*rows, kept + 1))
 
@@ -108,21 +108,21 @@ class ShiftBuffer:
 
     @property
     def last_sample(self) -> ArrayView:
-        """The sample that joined last, when the buffer has moved."""
+        """The sample that was appended last, after the shift."""
         return _last(self.samples, self.shape[:-1])
 
     def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
         copy_value(start, self.samples, scope, unroll)
 
     def begin(self, scope: BlockScope) -> None:
-        """Nothing to prepare: the samples stand where they always stand."""
+        """Nothing to do: the samples have a fixed place."""
 
     def push(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         if not self.in_sum:
             copy_value(newest, _last(self.window, newest.shape), scope, unroll)
 
     def fill(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
-        """Makes every sample that was kept equal to the newest."""
+        """Sets every stored sample to the newest one."""
         copy_value(_along_time(newest, self.shape), self.samples, scope, unroll)
 
     def commit(self, scope: BlockScope, unroll: int) -> None:
@@ -132,15 +132,17 @@ class ShiftBuffer:
 
 @dataclass(frozen=True, slots=True)
 class DoubledRing:
-    """Twice the samples: the newest is written at `head` and a length behind it, so that the window
-    always lies in one piece and nothing moves."""
+    """A ring that stores every sample twice: at `head` and at `head + length`.
+
+    The window is always contiguous and no sample moves.
+    """
 
     state: State
     identifier: str
     shape: tuple[int, ...]
     head: str
-    """The ring's position: its field in the struct, which reaches `length` where the next step
-    begins again at 0, and the local that a step reads it into."""
+    """The position in the ring: a field of the struct, and the local that a step reads it into.
+    The field can reach `length`, which the next step wraps to 0."""
 
     @property
     def length(self) -> int:
@@ -160,33 +162,33 @@ class DoubledRing:
 
     @property
     def window(self) -> ArrayView:
-        # the head is written at this step: the oldest of `length` samples is the one behind it
+        # this step writes at the head; the next position has the oldest of `length` samples
         return self._from(variable(self.head).plus(Index(1)), self.length)
 
     @property
     def samples(self) -> ArrayView:
-        # without the newest: the same place, one sample shorter
+        # the same place without the newest sample
         return self._from(variable(self.head).plus(Index(1)), self.shape[-1])
 
     @property
     def last_sample(self) -> ArrayView:
-        """The sample that joined last, in the step that pushed it."""
+        """The sample that was appended last, in the step that appended it."""
         return _last(self.window, self.shape[:-1])
 
     def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
         scope.add(c.Assign(c.Member("s", self.head), c.Unsigned(0)))
         for offset in (1, 1 + self.length):
             copy_value(start, self._from(Index(offset), self.shape[-1]), scope, unroll)
-        # the two places of the newest sample are written by the step before anything reads them
+        # the step writes both places of the newest sample before they are read
         zero = ArrayView.single(c.Real(0.0)).reshaped_single(self.shape[:-1])
         for offset in (0, self.length):
             copy_value(zero, _last(self._from(Index(offset), 1), zero.shape), scope, unroll)
 
     def begin(self, scope: BlockScope) -> None:
-        """Reads the head, which wraps here; memory errors cannot make it leave the ring."""
+        """Reads and wraps the head; even a corrupted head stays within the ring."""
         stored = c.Member("s", self.head)
         inside = c.Binary("<", stored, c.Unsigned(self.length))
-        # compared, not taken modulo: Cortex-M0 has no division, and a spoiled head ends at 0 too
+        # a comparison instead of modulo: Cortex-M0 has no division; a corrupted head becomes 0
         head = c.Conditional(inside, stored, c.Unsigned(0))
         scope.reserve(self.head)
         scope.add(c.Declare(c.CType.UNSIGNED, self.head, head, constant=True))
@@ -200,35 +202,36 @@ class DoubledRing:
         copy_value(_along_time(newest, self._storage.shape), self._storage, scope, unroll)
 
     def commit(self, scope: BlockScope, unroll: int) -> None:
-        # `length` itself is stored once a turn; `begin` makes 0 of it, so that one place wraps
+        # the stored value can be `length`, which `begin` wraps to 0
         scope.assign(c.Member("s", self.head), c.Binary("+", c.Name(self.head), c.Unsigned(1)))
 
 
 Buffer = ShiftBuffer | DoubledRing
-"""Memory that takes its newest sample during the step, and moves after it."""
+"""Memory that receives its newest sample during the step, and moves after it."""
 
 StateMemory = PlainState | DelayLine | Buffer
 
 
 def joining(memory: StateMemory) -> NodeId:
-    """The value that a state waits for: the one that joins its samples, or its whole next value."""
+    """The value that a state needs: its newest sample, or its whole next value."""
     return memory.newest if isinstance(memory, DelayLine) else memory.state.next
 
 
 def seen_values(program: Program) -> list[NodeId]:
-    """The values of the step that it shows: outputs, equations whose range it checks, and next
-    values of saturated states, which are NaN or not."""
+    """The values of the step that are visible outside: outputs, equations with ranges, and next
+    values of saturated states, which are tested for NaN.
+    """
     shown = [shown.node for shown in (*program.outputs, *program.expected)]
     return shown + list(unsaturated(program).values())
 
 
 @dataclass(frozen=True, slots=True)
 class InPlace:
-    """A buffer that needs no copy to move."""
+    """A buffer that can be shifted in place."""
 
     newest: NodeId
     window_read: bool
-    """Whether anything but the buffer itself reads its window with the newest sample."""
+    """True if anything except the buffer itself reads its window with the newest sample."""
 
 
 def kept_in_place(program: Program) -> dict[str, InPlace]:
@@ -238,7 +241,7 @@ def kept_in_place(program: Program) -> dict[str, InPlace]:
     windows: dict[str, list[NodeId]] = {}
     users: dict[NodeId, set[NodeId]] = {}
     for index, node in program.step:
-        # windows that nothing needs do not count: passes may leave them in the graph
+        # unused windows do not count; passes may leave them in the graph
         if live[index]:
             if isinstance(node.op, Window):
                 windows.setdefault(node.op.state, []).append(index)
@@ -250,27 +253,26 @@ def kept_in_place(program: Program) -> dict[str, InPlace]:
         if isinstance(state.origin, History | Tape):
             last = program.step[state.next]
             moved = Slice(WINDOW, 1, state.axes[-1].size + 1)
-            # one window, and the next value is it without its oldest sample: the samples can stay
-            # where they are while they become one step older
+            # one window, and the next value is that window without its oldest sample: the samples
+            # can be shifted in place
             if last.op == moved and [*last.args] == windows.get(state.name):
                 (window,) = last.args
                 read = users[window] != {state.next} or bool({window, state.next} & results)
-                # the shifted window is a value too, where an expression is a past window of the
-                # same length
+                # an expression may also read the shifted window
                 read = read or state.next in users
                 found[state.name] = InPlace(program.step[window].args[0], read)
     return found
 
 
 def doubles(ring: Ring, kept: int) -> bool:
-    """Whether a buffer becomes a doubled ring."""
+    """True if a buffer becomes a doubled ring."""
     return ring == "double" or (ring == "auto" and kept > _LONGEST_SHIFT)
 
 
 def member_place(
     base: str, identifier: str, shape: tuple[int, ...], *, pointer: bool = True
 ) -> ArrayView:
-    """A field of a struct as a value of the given shape; a scalar field where there is none."""
+    """A field of a struct as a value of the given shape; a scalar field for an empty shape."""
     field: c.Expression = c.Member(base, identifier, pointer)
     return ArrayView.array(field, shape) if shape else ArrayView.single(field)
 

@@ -1,4 +1,4 @@
-"""Writes sums along an axis, first term first: the order of every backend that promises bits."""
+"""Writes sums along an axis, first term first: the order of all backends with exact bits."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from compiler.ir.program import Node
 from compiler.ir.types import Type
 
 _SHORT = 3
-"""Terms of a sum that is written as one expression."""
+"""Maximum number of terms of a sum that is written as one expression."""
 
 _NEUTRAL = Real(-0.0)
-"""What a loop begins with: −0.0 + x is x for every x, while 0.0 + x loses the sign of −0.0."""
+"""Initial value of a sum: −0.0 + x is x for every x, but 0.0 + −0.0 is 0.0."""
 
 
 def sum_along(
@@ -28,9 +28,10 @@ def sum_along(
     locals: LocalValues,
     active: Sequence[Index] = (),
 ) -> Computed:
-    """Σ over the axis of the product of one or two factors; of the `active` terms if there are."""
-    # every factor of a contraction has the axis that is summed, with one size: the verifier sees to
-    # it
+    """Σ over the axis of the product of one or two factors; only over the `active` terms, if
+    any.
+    """
+    # the verifier ensures that all factors have the summed axis with equal size
     first = factors[0][1]
     count = first.axes[first.position(axis)].size
     names = node.type.axis_names
@@ -41,7 +42,7 @@ def sum_along(
             element_of(value, [where[name] for name in type.axis_names], scope)
             for value, type in factors
         )
-        # a plain sum has no factor of 1: multiplying by it would be an operation in C
+        # a plain sum has one factor
         if len(elements) == 1:
             return elements[0]
         return scalar_operation(Multiply(), elements, locals.functions)
@@ -59,8 +60,7 @@ def sum_along(
         return _written_out(indices, scope) if count <= locals.unroll else _loop(indices, scope)
 
     def _written_out(indices: Indices, scope: BlockScope) -> Expression:
-        # from the first term on, as an expression of at most `_SHORT` terms does: no neutral number
-        # is needed
+        # starts with the first term, so no initial value is needed
         total = _variable(term(indices, Index(), scope), scope)
         for along in range(1, count):
             scope.assign(total, added(total, indices, Index(along), scope))
@@ -68,7 +68,7 @@ def sum_along(
 
     def _loop(indices: Indices, scope: BlockScope) -> Expression:
         width = locals.parallel_sums
-        # with less than two terms for each, partial sums only add additions
+        # partial sums need at least two terms each to pay off
         if width > 1 and count >= 2 * width:
             return _side_by_side(width, indices, scope)
         total = _variable(_NEUTRAL, scope)
@@ -86,8 +86,7 @@ def sum_along(
             for lane, total in enumerate(totals):
                 place = along.times(width).plus(Index(lane))
                 inner.assign(total, added(total, indices, place, inner))
-        # leftovers go on in their lanes: element k always joins total k mod width, whatever the
-        # count
+        # element k always belongs to partial sum k mod width
         for lane in range(count % width):
             place = Index(count - count % width + lane)
             scope.assign(totals[lane], added(totals[lane], indices, place, scope))
@@ -109,8 +108,8 @@ def sum_along(
 def in_blocks(
     count: int, block: int, scope: BlockScope, body: Callable[[Index, BlockScope], None]
 ) -> None:
-    """Writes `body` for 0 … count−1 in a loop that makes `block` steps at once, then the rest."""
-    # a loop that turns once is no loop
+    """Writes `body` for 0 … count−1: a loop with `block` steps per iteration, then the rest."""
+    # no loop for a single iteration
     if block <= 1 or count < 2 * block:
         with scope.loop(count) as (along, inner):
             body(along, inner)

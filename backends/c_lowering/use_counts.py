@@ -1,4 +1,4 @@
-"""Counts how often each element of a value is used, so that nothing is computed twice."""
+"""Counts the uses of each element of a value, so that nothing is computed twice."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from compiler.ir.types import Type
 from compiler.passes.analyses.compact_sets import CompactSets
 
 MANY = 2
-"""Stands for every number of uses above one."""
+"""Any number of uses above one."""
 
 _NO_SETS: Mapping[NodeId, CompactSets] = {}
 
@@ -19,19 +19,19 @@ _NO_SETS: Mapping[NodeId, CompactSets] = {}
 def use_counts(
     graph: Graph, roots: Iterable[NodeId], active: Mapping[NodeId, CompactSets] = _NO_SETS
 ) -> list[int]:
-    """For each node 0 (not needed), 1 (each element used once at most) or MANY.
+    """For each node 0 (not needed), 1 (each element used at most once) or MANY.
 
-    A value of demand 1 can be computed where it is used; one of MANY must be kept. Uses through a
-    broadcast, slice or reshape count for the value behind it. Of the `active` fuzzy sets only the
-    value and the points are needed, several times.
+    A value with 1 can be computed at its use; one with MANY must be stored. Uses through a
+    broadcast, slice or reshape count for the value behind it. `active` fuzzy sets need only their
+    value and points, several times.
     """
     counts = [0] * len(graph)
     for root in roots:
         counts[root] = min(MANY, counts[root] + 1)
-    # from the last node on: all users of a node stand behind it
+    # backwards: all users of a node come after it
     for index in range(len(graph) - 1, -1, -1):
         sets = active.get(index)
-        # the value is compared with points on both sides of each active set: twice at the least
+        # the value is compared with the points on both sides of each active set
         if sets is not None and counts[index]:
             counts[sets.value] = counts[sets.points] = MANY
         elif counts[index]:
@@ -43,15 +43,15 @@ def use_counts(
 
 
 def only_units_moved(old: Type, new: Type) -> bool:
-    """Whether a reshape only adds, drops or renames axes."""
+    """True if a reshape only adds, removes or renames axes of length 1."""
     return [n for n in old.shape if n != 1] == [n for n in new.shape if n != 1]
 
 
 def _uses(node: Node, operand: Type, demand: int) -> int:
-    """The uses of an element of the operand when the node's own are used `demand` times."""
+    """The uses of an element of the operand if the node's own elements are used `demand` times."""
     match node.op:
         case ops.Broadcast():
-            # each element of the operand stands for so many of the result
+            # each element of the operand is used this many times in the result
             return demand * (node.type.size // operand.size)
         case ops.Slice() | ops.Identity():
             return demand

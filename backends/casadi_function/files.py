@@ -1,4 +1,4 @@
-"""Writes a program's CasADi functions, with a description of their ports, into a folder."""
+"""Writes a program's CasADi functions, with a description of their ports, to a folder."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def write_casadi(
     prefix: str,
     options: CasadiOptions = _AS_IT_IS,
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>.casadi`, `<prefix>_initial_state.casadi`, `<prefix>.json`, a README,
-    `<prefix>_casadi.md`, and `<prefix>_casadi.py`, which has both functions for any version of
-    CasADi, unless they are vast.
+    """Writes the CasADi functions of a program in step form; returns the paths.
 
-    The program is in step form. The values of parameters, `weights` or the initial ones, stand in
-    the JSON file where they are inputs of the functions, else in these. Returns the paths. OSError
-    where the folder cannot be written, ValueError for a weight of a wrong shape.
+    The files are `<prefix>.casadi`, `<prefix>_initial_state.casadi`, `<prefix>.json` and a README,
+    `<prefix>_casadi.md`. Unless the functions are very large, `<prefix>_casadi.py` has both for any
+    version of CasADi. Values of parameters, `weights` or the initial ones, are in the JSON file if
+    parameters are inputs, otherwise in the functions. Raises OSError if the folder is not writable,
+    ValueError for a weight of a wrong shape.
     """
     if options.params == "inline":
         program = inline_parameters(program, weights or {})
@@ -78,7 +78,7 @@ def write_casadi(
 
 
 def _numbers(graph: Graph) -> int:
-    """The count of all numbers that a graph computes, the terms of sums too."""
+    """The number of elements that a graph computes, including the terms of sums."""
     return sum(
         node.type.size + sum(graph[arg].type.size for arg in node.args)
         if isinstance(node.op, ops.Reduction)
@@ -88,7 +88,7 @@ def _numbers(graph: Graph) -> int:
 
 
 def _save(function: casadi.Function, path: Path) -> Path:
-    # a reader never sees half a file: it is written beside and renamed
+    # written to a temporary file and renamed, so that readers never see a partial file
     with replacing(path) as temporary:
         function.save(str(temporary))
     return path

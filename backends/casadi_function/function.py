@@ -1,4 +1,4 @@
-"""Makes CasADi functions of a program in step form: the step, and the states it starts from."""
+"""Builds CasADi functions of a program in step form: the step and the initial states."""
 
 from __future__ import annotations
 
@@ -18,24 +18,23 @@ from compiler.passes.derivatives.guard_untaken import guard_untaken
 from compiler.passes.expand_functions import expand_functions
 
 NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.casadi)
-"""Scalar functions that CasADi has; the others are lowered by their definition."""
+"""Scalar functions that CasADi has; others are lowered by their definition."""
 
-# words that CasADi keeps for itself in the names of functions and ports
+# reserved words of CasADi for names of functions and ports
 _KEYWORDS = ("null", "jac", "hess")
 
-# an optimal control problem that holds many steps calls this one function, so that code generated
-# from it stays small, also where the problem is expanded to numbers
+# an optimal control problem with many steps calls this function, so that its generated code stays
+# small, also if the problem is expanded to scalars
 _OPTIONS = {"never_inline": True}
 
 
 def build_function(program: Program, name: str = "step", *, form: Form = "mx") -> casadi.Function:
     """The step as a function of inputs, states and parameters, in this order, by name.
 
-    It gives the outputs, then the next states; `casadi_names` tells what the ports are called. A
-    port is a column of its numbers in C order (window last): 6 joints × 30 samples are 180 rows,
-    the samples of the first joint first. Values are physical, in the units of the spec.
-    Expressions in the form `mx` stay in matrix form, in `sx` every number has its own: for small
-    models only.
+    It returns the outputs, then the next states; `casadi_names` gives the names of ports. A port is
+    a column of its elements in C order (window last): 6 joints × 30 samples are 180 rows, the
+    samples of the first joint first. Values are physical, in the units of the spec. The form `mx`
+    keeps matrix expressions; `sx` has scalar expressions, for small models only.
     """
     program = _prepared(program)
     interface = step_interface(program)
@@ -45,7 +44,7 @@ def build_function(program: Program, name: str = "step", *, form: Form = "mx") -
     ]
     states = {state.name: _symbol(names.states[state.name], state.axes) for state in program.states}
     parameters = _parameters(interface.parameters, names)
-    # while expressions are made: simplification acts at once, not when the function is built
+    # simplification happens when expressions are created
     with exact_arithmetic():
         symbols = Symbols(_by_signal(inputs), states, parameters)
         values = lower_nodes(program.step, interface.step_nodes, symbols)
@@ -56,17 +55,17 @@ def build_function(program: Program, name: str = "step", *, form: Form = "mx") -
     if form == "mx":
         return _function(name, arguments, results, result_names, _OPTIONS)
     with exact_arithmetic():
-        # in a problem of arrays it is one call, and in expressions of numbers inlined as it should
+        # without `never_inline`, so that it is inlined in scalar expressions
         return _function(name, arguments, results, result_names, {}).expand(name)
 
 
 def build_initial_state(
     program: Program, name: str = "initial_state", *, form: Form = "mx"
 ) -> casadi.Function:
-    """The states before the first step as a function of the record around it and parameters.
+    """The states before the first step, as a function of recorded samples around it and parameters.
 
-    Each window holds the samples t0+first … t0+last of one signal that the metadata names. The form
-    is that of `build_function`.
+    Each window has the samples t0+first … t0+last of one signal; the metadata describes it. The
+    form is that of `build_function`.
     """
     program = _prepared(program)
     interface = step_interface(program)
@@ -94,7 +93,7 @@ def casadi_names(program: Program) -> PortNames:
 
 
 def _prepared(program: Program) -> Program:
-    # CasADi multiplies slopes like any library: 0 · ∞ is NaN without the guards
+    # CasADi evaluates 0 · ∞ as NaN in derivatives without the guards
     return guard_infinite_slopes(guard_untaken(expand_functions(program, NATIVE)))
 
 

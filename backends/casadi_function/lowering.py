@@ -1,4 +1,4 @@
-"""Lowers nodes of the IR to CasADi expressions; a value is a column of its numbers in C order."""
+"""Lowers nodes of the IR to CasADi expressions; a value is a column of its elements in C order."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from compiler.ir.types import WINDOW, Axis, Type
 
 @dataclass(frozen=True, slots=True)
 class Symbols:
-    """The expressions behind a graph's leaves, by name."""
+    """The expressions of a graph's leaves, by name."""
 
     ports: Mapping[str, tuple[Port, Expression]]
-    """What reads of signals take their samples from."""
+    """Ports from which signal reads take their samples."""
     states: Mapping[str, Expression]
     parameters: Mapping[str, Expression]
 
 
 @contextmanager
 def exact_arithmetic() -> Generator[None]:
-    """Keeps CasADi from writing 0·x as 0 and x − x as 0, which hides a NaN that the judge shows."""
-    # the switch is global to CasADi, so it is put back even where lowering fails
+    """Disables simplifications such as 0·x = 0 and x − x = 0, which would hide NaN."""
+    # a global switch of CasADi, restored also after an error
     before = casadi.GlobalOptions.getSimplificationOnTheFly()
     casadi.GlobalOptions.setSimplificationOnTheFly(False)
     try:
@@ -50,7 +50,7 @@ def exact_arithmetic() -> Generator[None]:
 def lower_nodes(
     graph: Graph, nodes: Sequence[NodeId], symbols: Symbols
 ) -> dict[NodeId, Expression]:
-    """The expressions of `nodes`, which must hold the operands of each before it."""
+    """The expressions of `nodes`, which are ordered with operands first."""
     values: dict[NodeId, Expression] = {}
     for index in nodes:
         node = graph[index]
@@ -84,7 +84,7 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
         case ops.Identity():
             return values[0]
         case ops.Minimum():
-            # not fmin: of NaN and a number it gives the number, the judge NaN
+            # not fmin, which ignores a NaN operand, unlike the interpreter
             return _nearer(values[0] <= values[1], values[0] > values[1], values)
         case ops.Maximum():
             return _nearer(values[0] >= values[1], values[0] < values[1], values)
@@ -95,13 +95,13 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
         case ops.Compare(relation):
             return _compare(relation, values[0], values[1])
         case ops.Select():
-            # CasADi evaluates both branches; `guard_untaken` is the business of who differentiates
+            # CasADi evaluates both branches; differentiation needs `guard_untaken` before
             return casadi.if_else(values[0], values[1], values[2])
         case ops.Apply(function):
             return getattr(casadi, SCALAR_FUNCTIONS[function].casadi)(*values)
         case ops.Broadcast():
             return broadcast(values[0], types[0], node.type)
-        # C order already: only the axes have other names
+        # the order of elements does not change
         case ops.Reshape():
             return values[0]
         case ops.Slice(axis, start, stop):
@@ -120,7 +120,7 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
 
 
 def _read(port: Port, column: Expression, first: int, last: int) -> Expression:
-    # a read of the whole port is the port
+    # a read of the whole port needs no selection
     if (first, last) == (port.first, port.last):
         return column
     kept = slice(first - port.first, last - port.first + 1)
@@ -134,9 +134,9 @@ def _window(buffer: Expression, newest: Expression, window: Type) -> Expression:
 
 
 def _nearer(first: Expression, second: Expression, values: list[Expression]) -> Expression:
-    """The operand whose relation holds, a tie to the first; where neither holds one is NaN."""
+    """The operand whose relation holds, the first for a tie; NaN if one is NaN."""
     left, right = values
-    # by two comparisons: where neither holds one is NaN, and so is the sum
+    # if neither comparison holds, one operand is NaN, and so is the sum
     return casadi.if_else(first, left, casadi.if_else(second, right, left + right))
 
 

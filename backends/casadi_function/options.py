@@ -1,4 +1,4 @@
-"""Lists the choices that an export to CasADi leaves open."""
+"""Options of an export to CasADi."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ class CasadiOptions:
     """Choices of one export."""
 
     params: Literal["input", "inline"] = "input"
-    """Whether parameters are inputs of the functions or numbers in them."""
+    """`input` makes parameters inputs of the functions, `inline` writes their values into them."""
     form: Form = "mx"
-    """Whether the step is an expression of arrays or of single numbers."""
+    """`mx` for expressions of arrays, `sx` for expressions of scalars."""

@@ -1,6 +1,7 @@
-"""Writes CasADi functions as Python that any version of CasADi runs.
+"""Writes CasADi functions as Python code for any version of CasADi.
 
-A serialised function (`Function.save`) is read by the version that wrote it and by later ones.
+A serialised function (`Function.save`) can be read by the version that wrote it and later ones
+only.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from collections.abc import Sequence
 import casadi
 
 LARGEST = 200_000
-"""Numbers that a function computes up to which it is written: Python reads as many in seconds."""
+"""Maximum number of computed elements; Python reads a source of this size in seconds."""
 
-# numbers of operations differ between versions, names do not
+# ids of operations differ between versions, names do not
 _OPERATIONS: dict[int, str] = {
     getattr(casadi, name): name for name in dir(casadi) if name.startswith("OP_")
 }
@@ -22,7 +23,7 @@ _OPERATIONS: dict[int, str] = {
 def source_text(functions: Sequence[casadi.Function], model: str) -> str:
     """A module with a CasADi function of each name.
 
-    `functions` are of numbers (SX); their inputs and outputs are columns.
+    `functions` are scalar (SX); their inputs and outputs are columns.
     """
     about = f"The CasADi functions of the model {model!r}, for any version of CasADi."
     lines = [

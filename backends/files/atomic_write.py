@@ -1,4 +1,4 @@
-"""Writes files whole or not at all: under a temporary name beside the target, then renamed."""
+"""Writes files atomically: under a temporary name in the same folder, then renamed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import BinaryIO
 from backends.files.signals_wait import signals_wait
 
 _OPENED = re.compile(r"/dev/(?:stdout|stderr)|(?:/dev|/proc/self)/fd/(?P<number>\d+)")
-"""Names of what the shell has opened for a command."""
+"""Names of streams that the shell opened for a command."""
 
 
 def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
@@ -27,12 +27,12 @@ def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
 def write_bytes(
     path: Path, data: bytes, *, durable: bool = False, named_later: bool = False
 ) -> Path:
-    """Writes the bytes; returns the path. OSError leaves what stood there before.
+    """Writes the bytes; returns the path. An OSError leaves the previous file.
 
-    A `durable` file has reached the disk, with its name, before this returns: a cut of power
-    leaves it or what stood there before. It takes as long as the disk does, some milliseconds.
-    Where it is `named_later`, the content alone is waited for: a cut of power may leave it or what
-    stood there before for some seconds more, but nothing torn.
+    A `durable` file is on the disk, with its name, before this returns: after a power cut either it
+    or the previous file exists. This takes some milliseconds. With `named_later` it waits for the
+    content only: for some seconds a power cut may still leave the previous file, but never a torn
+    one.
     """
     with replacing(path) as temporary:
         temporary.write_bytes(data)
@@ -40,19 +40,18 @@ def write_bytes(
             sync(temporary)
     if durable and not named_later:
         with naming(path):
-            # the rename is in the folder: without this a cut of power may leave the file under its
-            # old name
+            # syncs the rename, which is stored in the folder
             sync(path.parent)
     return path
 
 
 @contextmanager
 def replacing(path: Path, *, takes_streams: bool = True) -> Generator[Path]:
-    """A temporary path for a writer that opens files itself; renamed to `path` if it succeeds.
+    """A temporary path for a writer that opens files itself; renamed to `path` on success.
 
-    Missing folders are made. The name carries the process id, so that two processes that write the
-    same file do not mix; the last to finish wins. A device, a pipe or what a shell has opened gets
-    the bytes of the finished file, if it `takes_streams`: in a folder of our own it is replaced.
+    Missing folders are created. The name contains the process id, so that two writers of one file
+    do not mix; the last one wins. A device, a pipe or a shell stream receives the bytes of the
+    finished file if `takes_streams`; otherwise it is replaced.
     """
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -77,15 +76,15 @@ def replacing(path: Path, *, takes_streams: bool = True) -> Generator[Path]:
 
 
 def _is_stream(path: Path) -> bool:
-    """Whether bytes go to a path and do not stay in a file that is called so."""
+    """True if the path is a pipe or a device, not a regular file."""
     if _OPENED.fullmatch(str(path)) is not None:
         return True
     try:
-        # not where a link leads: somebody may have planted it
+        # lstat: links are not followed, as another user may have created them
         mode = path.lstat().st_mode
     except OSError:
         return False
-    # a rename would put a file in the place of `/dev/null`, for everybody if root does it
+    # a rename would replace `/dev/null`, system-wide if root does it
     return not S_ISREG(mode) and not S_ISLNK(mode)
 
 
@@ -93,13 +92,13 @@ def _stream(path: Path) -> BinaryIO:
     opened = _OPENED.fullmatch(str(path))
     if opened is None:
         return path.open("wb")
-    # what was opened itself: opened again it would begin at its start, where later lines go too
+    # a duplicate of the descriptor: opening the path again would start at offset 0
     number = opened["number"] or (1 if path.name == "stdout" else 2)
     return os.fdopen(os.dup(int(number)), "wb")
 
 
 def _require_readable(path: Path) -> None:
-    """Raises OSError for a file or folder that its owner may not read: it would show much later."""
+    """Raises OSError early for a file or folder that its owner may not read."""
     if path.exists() and not path.stat().st_mode & S_IRUSR:
         reason = "the umask would leave a file that its owner cannot read: set another, as 022"
         raise OSError(errno.EACCES, reason, str(path))
@@ -107,10 +106,10 @@ def _require_readable(path: Path) -> None:
 
 @contextmanager
 def replacing_files(folder: Path) -> Generator[Path]:
-    """A temporary folder for writers of several files, which then appear in `folder` together.
+    """A temporary folder for several files, which then appear in `folder` together.
 
-    A new folder appears in one step. In one that is there each file is renamed when all of them
-    are complete: other files in it stay, and so does the folder in which somebody may stand.
+    A new folder appears in one step. In an existing folder each file is renamed after all are
+    complete; its other files stay.
     """
     folder = Path(os.path.realpath(folder))
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -127,11 +126,11 @@ def replacing_files(folder: Path) -> Generator[Path]:
 
 @contextmanager
 def naming(path: Path, temporary: Path | None = None) -> Generator[None]:
-    """Lets an OSError name the file that the user knows: a full disk names none at all."""
+    """Adds the name of the user's file to an OSError; a full disk reports none."""
     try:
         yield
     except OSError as error:
-        # a failed write, unlike a failed open, has no name
+        # a failed write, unlike a failed open, has no file name
         if error.errno is not None and error.filename is None:
             error.filename = str(path)
         elif temporary is not None and isinstance(error.filename, str | os.PathLike):
@@ -142,12 +141,12 @@ def naming(path: Path, temporary: Path | None = None) -> Generator[None]:
 
 
 def part_of(path: Path) -> Path:
-    """The temporary path at which this process writes what becomes `path`."""
+    """The temporary path at which this process writes `path`."""
     return path.with_name(f".{path.name}.{os.getpid()}.part")
 
 
 def sync(path: Path) -> None:
-    """Waits until a file, or the names in a folder, have reached the disk."""
+    """Waits until a file, or the names in a folder, are on the disk."""
     if path.is_dir() and os.name != "posix":
         return  # only there a folder can be opened
     number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
@@ -158,7 +157,7 @@ def sync(path: Path) -> None:
 
 
 def _appear(temporary: Path, folder: Path) -> None:
-    """Gives finished files their place."""
+    """Moves finished files to their place."""
     _require_readable(temporary)
     files = sorted(path for path in temporary.rglob("*") if not path.is_dir())
     for path in files:
@@ -166,21 +165,20 @@ def _appear(temporary: Path, folder: Path) -> None:
         sync(path)
     if not folder.exists():
         try:
-            # one rename where the folder is new; a folder that is there cannot be replaced by
-            # another one
+            # one rename for a new folder; an existing folder cannot be replaced
             temporary.replace(folder)
         except OSError:
-            if not folder.is_dir():  # another process has made it meanwhile
+            if not folder.is_dir():  # another process has created it meanwhile
                 raise
         else:
             return
     for path in files:
         place = folder / path.relative_to(temporary)
         place.parent.mkdir(parents=True, exist_ok=True)
-        # looked at before the first rename, so that a refusal leaves all files as they were
+        # checked before the first rename, so that a failure changes no file
         if place.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(place))
-    # between the first and the last rename old and new files stand beside each other
+    # between the first and the last rename, old and new files are mixed
     with signals_wait():
         for path in files:
             path.replace(folder / path.relative_to(temporary))

@@ -12,7 +12,7 @@ _COMPILERS = ("gcc", "clang", "cc")
 
 
 class CompilerMissingError(Exception):
-    """This machine has no C compiler that is known here and works; `remedy` is what may help."""
+    """This machine has no known working C compiler; `remedy` is a suggestion."""
 
     def __init__(
         self,
@@ -23,7 +23,8 @@ class CompilerMissingError(Exception):
 
 
 def find_compiler() -> tuple[str, ...]:
-    """The command: the words of `CC`, else gcc, clang or cc, else that of the wheel `ziglang`.
+    """The command: the words of `CC`, else gcc, clang or cc, else the compiler of the wheel
+    `ziglang`.
 
     Raises CompilerMissingError.
     """
@@ -47,16 +48,16 @@ def find_compiler() -> tuple[str, ...]:
 
 
 def words_of(command: str, *, on_windows: bool) -> list[str]:
-    """The words of a command; on Windows a backslash is a part of a path."""
+    """The words of a command; on Windows a backslash is part of a path."""
     words = shlex.split(command, posix=not on_windows)
     return [word.strip('"') for word in words] if on_windows else words
 
 
 def zig_program() -> Path | None:
-    """The program that the wheel `ziglang` brings; None where it is not installed.
+    """The program in the wheel `ziglang`; None if it is not installed.
 
-    It is started by its path. `python -m ziglang` would look in the working folder first and run a
-    `ziglang.py` that lies beside the spec.
+    It is started by its path: `python -m ziglang` would first run a `ziglang.py` in the working
+    folder.
     """
     wheel = importlib.util.find_spec("ziglang")
     if wheel is None or wheel.origin is None:
@@ -66,7 +67,7 @@ def zig_program() -> Path | None:
 
 
 def installed_as(compiler: tuple[str, ...]) -> tuple[int, ...]:
-    """Numbers that change when another compiler is installed under the name of this one."""
+    """Numbers that change when another compiler is installed under this name."""
     found = shutil.which(compiler[0])
     if found is None:
         return ()

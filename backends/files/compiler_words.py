@@ -1,4 +1,4 @@
-"""Finds what went wrong in what a compiler and the linker behind it wrote."""
+"""Extracts the errors from the output of a compiler and linker."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _CLOSING = re.compile(
     r"collect2: error: ld returned|linker command failed|compilation terminated"
     r"|^\d+ (?:error|warning)s?\b|process exited with code"
 )
-"""Lines that say only that a line above was a failure."""
+"""Lines that only report that an earlier line was a failure."""
 _NAMED = re.compile(r"\berror:", re.IGNORECASE)
 _ASIDE = re.compile(
     r"\b(?:warning|note):|\bin function\b.*:$|^In file included from|^\s+(?:from |\||\d+ \|)",
@@ -17,10 +17,10 @@ _ASIDE = re.compile(
 
 
 def complaints(output: str) -> list[str]:
-    """The lines that name an error, else those that are no warnings; the first says what is wrong.
+    """The lines that name an error, otherwise all lines except warnings; the first is the cause.
 
-    A linker writes no `error:` before what it misses, and the compiler that called it writes one
-    after it. None are found where nothing but that is left, as on a full disk.
+    A linker writes no `error:` before missing symbols; the compiler that called it writes one after
+    them. The list is empty if nothing else remains, as on a full disk.
     """
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     said = [line for line in lines if not _CLOSING.search(line)]

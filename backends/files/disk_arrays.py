@@ -1,4 +1,4 @@
-"""Keeps arrays that are larger than memory in files, which vanish with the process."""
+"""Stores arrays larger than memory in files, which disappear with the process."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 AT_ONCE = 1 << 22
-"""Rows that are in memory at a time."""
+"""Rows in memory at a time."""
 
 
 PAUSE = 0.05
-"""Seconds after which pages are left to the system."""
+"""Seconds between releases of pages to the system."""
 
 
 class DiskArray(np.ndarray[Any, np.dtype[Any]]):
-    """An array whose pages the system reads from a file as they are needed, and takes back."""
+    """An array whose pages the system loads from a file on demand."""
 
     pages: mmap.mmap | None
-    """The file; None for a part of an array."""
+    """The mapped file; None for a view."""
     folder: Path
     copies: dict[str, DiskArray]
-    """The same numbers in other types."""
+    """The same values in other types."""
 
     def __array_finalize__(self, made_of: object) -> None:
-        # numpy calls this for every view: with the pages it would be taken for the whole file
+        # numpy calls this for every view, which must not count as the whole file
         self.pages, self.copies = None, {}
 
 
 class ArrayFile:
-    """Rows that are written one after the other into a file without a name."""
+    """Appends rows to an unnamed file."""
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -48,21 +48,21 @@ class ArrayFile:
         self._dtype = np.dtype(np.float64)
 
     def append(self, values: NDArray[Any]) -> None:
-        """Adds rows of the shape and type of those before."""
+        """Appends rows of the same shape and type as before."""
         self._shape, self._dtype = values.shape[1:], values.dtype
         self._rows += len(values)
         if values.size:
             self._file.write(np.ascontiguousarray(values).data.cast("B"))
 
     def forget(self) -> None:
-        """Drops what was written."""
+        """Discards the file."""
         self._file.close()
 
     def array(self) -> NDArray[Any]:
         """All rows. The file lives as long as the array."""
         self._file.flush()
         shape = (self._rows, *self._shape)
-        # nothing can be mapped of an empty file
+        # an empty file cannot be mapped
         if not np.prod(shape):
             self._file.close()
             return np.zeros(shape, self._dtype)
@@ -75,7 +75,7 @@ class ArrayFile:
 
 
 def laid_out(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The array as C reads it: in memory, or on disk where it is there; copies are made once."""
+    """The array in the memory layout of C, in memory or on disk; converted copies are cached."""
     if not isinstance(values, DiskArray) or values.pages is None:
         return np.ascontiguousarray(values, dtype)
     if values.dtype == dtype:
@@ -91,16 +91,15 @@ def laid_out(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """The rows of an array, as many at a time as are in memory at once."""
+    """The rows of an array, in blocks that fit in memory."""
     for begin in range(0, len(values), AT_ONCE):
         yield values[begin : begin + AT_ONCE]
 
 
 class _GivingBack:
-    """Leaves pages to the system while others read: the process holds few, the system the rest.
+    """Releases pages to the system periodically, so that the process holds few.
 
-    A page that is read again comes from the cache of the system, or from the file where somebody
-    else has wanted the memory.
+    A page that is read again comes from the system's cache, or from the file.
     """
 
     def __init__(self) -> None:
@@ -109,7 +108,7 @@ class _GivingBack:
         self._runs = False
 
     def watch(self, pages: mmap.mmap) -> None:
-        """Begins with a file; it ends with the last array that is of it."""
+        """Starts to watch a file; stops with the last array of it."""
         with self._lock:
             self._mapped.add(pages)
             if not self._runs and hasattr(mmap, "MADV_DONTNEED"):
@@ -122,10 +121,12 @@ class _GivingBack:
             time.sleep(PAUSE)
 
     def _gave_back(self) -> bool:
-        """Whether there is a file; it holds none while it sleeps, so that arrays can go."""
+        """True if there is a file; it holds no reference while it sleeps, so that arrays can be
+        freed.
+        """
         with self._lock:
             mapped = list(self._mapped)
-            # under the lock: a file that comes now is seen here, or begins a new thread
+            # under the lock: a new file is either seen here or starts a new thread
             self._runs = bool(mapped)
         for pages in mapped:
             pages.madvise(mmap.MADV_DONTNEED)

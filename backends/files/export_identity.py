@@ -1,4 +1,4 @@
-"""Gives an export an identity, a hash of all its files that stands in some of them; and a manifest.
+"""Gives an export an identity, a hash of its files that some of them contain, and a manifest.
 
 Equal identities mean the same program, weights, options and version of msnn.
 """
@@ -11,46 +11,47 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 OPEN = "msnn-id-" * 8
-"""Stands in texts where the identity will, of the same length: the hash is of texts with this."""
+"""Placeholder of the identity, of the same length; the hash is taken of texts with the
+placeholder."""
 
 MANIFEST = "manifest.sha256"
-"""Lists every file of an export, as `sha256sum --check` reads it."""
+"""Lists every file of an export, in the format of `sha256sum --check`."""
 
 
 _LINE = re.compile(
-    # as GNU writes it, the file read as text or binary; as BSD does
+    # the GNU format for text or binary, and the BSD format
     r"\s*(?P<escaped>\\?)"
     r"(?:(?P<digest>[0-9a-fA-F]{64}) [ *]?(?P<path>.+)"
     r"|SHA256 ?\((?P<bsd_path>.+)\) ?= ?(?P<bsd_digest>[0-9a-fA-F]{64}))",
     re.DOTALL,
 )
 _ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
-"""Of names in a line that begins with a backslash."""
+"""Escapes of names in a line that starts with a backslash."""
 
 
 def with_identity(texts: Mapping[str, str]) -> dict[str, str]:
-    """The texts, by path, with their identity in the place of `OPEN`."""
+    """The texts, by path, with the placeholder replaced by their identity."""
     identity = identity_of(texts)
     return {path: text.replace(OPEN, identity) for path, text in texts.items()}
 
 
 def with_manifest(texts: Mapping[str, str]) -> dict[str, str]:
-    """The texts, and the manifest of their files."""
+    """The texts with the manifest of their files added."""
     contents = {path: text.encode() for path, text in texts.items()}
     return {**texts, MANIFEST: manifest_text(contents)}
 
 
 def identity_of(texts: Mapping[str, str]) -> str:
-    """The SHA-256 of paths and texts, in which `OPEN` is where the identity belongs.
+    """The SHA-256 of paths and texts with the placeholder.
 
-    Self-tests have no part in it: bits that a compiler records are in some of them.
+    Self-tests are excluded, as some contain bits that a compiler recorded.
     """
     digest = hashlib.sha256()
     for path, text in sorted(texts.items()):
         if "_selftest" in path:
             continue
         data = text.encode()
-        # lengths too, so that no two lists of files give the same bytes
+        # includes lengths, so that different lists of files give different bytes
         digest.update(f"{path}\n{len(data)}\n".encode())
         digest.update(data)
     return digest.hexdigest()
@@ -63,10 +64,10 @@ def manifest_text(contents: Mapping[str, bytes]) -> str:
 
 
 def read_manifest(folder: Path) -> dict[str, str]:
-    """The SHA-256 of each file by its path. Raises OSError, ValueError for another text.
+    """The SHA-256 of each file, by path. Raises OSError, or ValueError for another format.
 
-    Lines as `sha256sum --check` reads them; one that it would skip is another text. The file that a
-    line names may be anywhere: the text may be anybody's.
+    Lines that `sha256sum --check` would skip raise ValueError. Listed paths may be outside the
+    folder, as the text is untrusted.
     """
     listed: dict[str, str] = {}
     for line in (folder / MANIFEST).read_text(encoding="utf-8").splitlines():
@@ -74,12 +75,12 @@ def read_manifest(folder: Path) -> dict[str, str]:
             continue
         path, digest = _entry(line)
         if listed.setdefault(path, digest) != digest:
-            raise ValueError(MANIFEST)  # of one path with two hashes, one would not be looked at
+            raise ValueError(MANIFEST)  # one of two hashes of a path would be ignored
     return listed
 
 
 def _entry(line: str) -> tuple[str, str]:
-    """The path, without `./`, and the hash of a line of a manifest; ValueError."""
+    """The path, without `./`, and the hash in a line of a manifest. Raises ValueError."""
     found = _LINE.fullmatch(line)
     if found is None:
         raise ValueError(MANIFEST)

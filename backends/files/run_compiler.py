@@ -1,4 +1,4 @@
-"""Runs a compiler within a limit of time and leaves no process of it behind."""
+"""Runs a compiler with a time limit, without leaving processes behind."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from backends.files.atomic_write import naming
 from backends.files.waiting import wait_until
 
 LIMIT = 600.0
-"""Seconds, where MSNN_COMPILER_SECONDS names no others: far more than the largest kernels take."""
+"""Default limit in seconds, which MSNN_COMPILER_SECONDS overrides; far more than large kernels
+need."""
 
 
 _ROOM = 1 << 20
-"""Bytes that must fit into a folder; most kernels and libraries are smaller."""
+"""Bytes that must fit in a folder; most kernels and libraries are smaller."""
 
 
 class CompilerTooSlowError(Exception):
-    """A compiler did not end within its limit, and was ended."""
+    """A compiler exceeded its time limit and was killed."""
 
     remedy = "set CC to another compiler, or MSNN_COMPILER_SECONDS to the seconds that it needs"
 
@@ -35,7 +36,7 @@ class CompilerTooSlowError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A compiler that ended by itself: its exit code and what it wrote."""
+    """A compiler that ended by itself: its exit code and its output."""
 
     code: int
     output: str
@@ -49,17 +50,15 @@ def run_compiler(
     *,
     longest: float = math.inf,
 ) -> Finished:
-    """Runs the command with `source` as its input; temporary files lie in `folder`.
+    """Runs the command with `source` as its input; temporary files are in `folder`.
 
-    It has `compiler_limit()` seconds, `longest` where that is less.
-
-    The compiler has a session of its own: Ctrl-C of a terminal reaches this process alone, which
-    may want to finish something. Whatever ends the waiting ends the compiler and all that it
-    started. Raises CompilerTooSlowError, KeyboardInterrupt, and OSError where the command cannot be
-    started or the folder takes no file.
+    The limit is `compiler_limit()` seconds, or `longest` if that is less. The compiler runs in its
+    own session, so Ctrl-C reaches only this process, which may want to finish its work. When
+    waiting ends, the compiler and its children are killed. Raises CompilerTooSlowError,
+    KeyboardInterrupt, and OSError if the command cannot start or the folder accepts no files.
     """
     limit = min(longest, compiler_limit())
-    # files and no pipes: what outlives the compiler keeps nobody waiting
+    # files instead of pipes: a surviving child does not block
     with tempfile.TemporaryDirectory(prefix="msnn-compiler-", dir=folder) as place:
         given, output, errors = (Path(place) / name for name in ("source", "output", "errors"))
         with naming(given):
@@ -70,7 +69,7 @@ def run_compiler(
                 stdin=source_file,
                 stdout=out,
                 stderr=err,
-                # a compiler that is killed leaves temporary files: here they go with the folder
+                # temporary files of a killed compiler are removed with the folder
                 env={**os.environ, "TMPDIR": place},
                 start_new_session=True,
             )
@@ -85,14 +84,14 @@ def run_compiler(
 
 
 def has_room(folder: Path) -> None:
-    """Raises OSError, which names the folder, where what a compiler makes cannot be written."""
+    """Raises OSError, which names the folder, if a compiler's output would not fit."""
     with naming(folder), tempfile.TemporaryFile(dir=folder, prefix=".room-") as file:
-        # random bytes: file systems that compress take zeros for nothing
+        # random bytes: compressing file systems need no space for zeros
         file.write(os.urandom(_ROOM))
 
 
 def compiler_limit() -> float:
-    """Seconds after which a compiler is ended."""
+    """Time limit of a compiler in seconds."""
     try:
         given = float(os.environ.get("MSNN_COMPILER_SECONDS", ""))
     except ValueError:
@@ -101,10 +100,10 @@ def compiler_limit() -> float:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    if sys.platform == "win32":  # which has no groups of processes
+    if sys.platform == "win32":  # no process groups
         process.kill()
     else:
         with suppress(ProcessLookupError):
-            # the group: gcc is a driver, and its compiler proper would go on
+            # the group, since gcc is a driver that starts the actual compiler
             os.killpg(process.pid, signal.SIGKILL)
     process.wait()

@@ -1,4 +1,4 @@
-"""Arrays and text as a safetensors file, the same bytes for the same content."""
+"""Writes arrays and text as a safetensors file, deterministically."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ _TYPES = {np.dtype(np.float64): "F64", np.dtype(np.float32): "F32", np.dtype(np.
 
 
 def safetensors_bytes(arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, str]) -> bytes:
-    """The file's content; the library's own writer shuffles the metadata from call to call.
+    """The file's content; the library's own writer has a random order of metadata.
 
-    Eight bytes with the header's length, the header as JSON padded to a multiple of eight, then the
-    numbers of each array in C order, little endian (huggingface.co/docs/safetensors, "Format").
-    KeyError for a dtype other than float64, float32 and int64.
+    The format starts with eight bytes for the length of the header and the header as JSON, padded
+    to a multiple of eight. After it come the elements of each array in C order, little endian
+    (huggingface.co/docs/safetensors, "Format"). Raises KeyError for a dtype other than float64,
+    float32 and int64.
     """
     header: dict[str, Any] = {"__metadata__": dict(sorted(metadata.items()))}
     parts: list[bytes] = []
@@ -33,6 +34,6 @@ def safetensors_bytes(arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str,
         parts.append(data)
         start += len(data)
     text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
-    # so that numbers begin at a multiple of their size and files can be mapped into memory
+    # aligns the data, so that files can be mapped into memory
     text += b" " * (-len(text) % 8)
     return b"".join([len(text).to_bytes(8, "little"), text, *parts])

@@ -1,4 +1,4 @@
-"""Lets Ctrl-C and SIGTERM wait for a moment in which they would leave half of something."""
+"""Delays Ctrl-C and SIGTERM during a short critical section."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from types import FrameType
 
 @contextmanager
 def signals_wait() -> Generator[None]:
-    """Handles a signal that comes meanwhile when all is done; only the main thread hears any."""
+    """Handles signals after the block; has no effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -27,6 +27,6 @@ def signals_wait() -> Generator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        # with all handlers back: the first signal may raise, and ours must not stay then
+        # after restoring all handlers, as the first signal may raise an exception
         for number in came:
             signal.raise_signal(number)

@@ -1,4 +1,4 @@
-"""Opens the templates of texts that are no HTML: C, Python, YAML, Markdown."""
+"""Opens the templates of C, Python, YAML and Markdown texts."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ import templates
 def text_templates(
     folder: str = "", *, strips: bool = False, **filters: Callable[[str], str]
 ) -> jinja2.Environment:
-    """The templates of a folder of `templates/`; those that `strips` indent their own directives.
+    """The templates of a folder of `templates/`; with `strips`, directives may be indented.
 
-    What a spec says arrives as text that is safe where it stands: nothing is escaped here. Kept, as
-    its templates are: compiling them takes longer than filling them in.
+    Values are inserted without escaping: callers pass text that is safe at its place. The result is
+    cached, since compiling templates is slower than rendering them.
     """
     environment = jinja2.Environment(
-        # found through the package: a wheel has the templates elsewhere than the repository
+        # located through the package: a wheel has another layout than the repository
         loader=jinja2.FileSystemLoader(Path(templates.__path__[0]) / folder),
-        # a name that the template has and the code has not is an error, not an empty place
+        # a missing variable is an error instead of an empty text
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
         trim_blocks=True,

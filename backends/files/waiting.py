@@ -1,4 +1,4 @@
-"""Waits for another process, and not for ever: neither past a limit nor past Ctrl-C."""
+"""Waits for another process, up to a time limit or Ctrl-C."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from contextlib import contextmanager
 from types import FrameType
 
 GRACE = 5.0
-"""Seconds that are waited on when Ctrl-C is heard by somebody who goes on for now."""
+"""Seconds of further waiting after Ctrl-C, if the handler does not raise."""
 
 _SHORTEST, _LONGEST = 0.001, 0.05
-"""Seconds between two looks."""
+"""Seconds between two checks."""
 
 
 def wait_until(done: Callable[[], bool], limit: float) -> bool:
-    """Looks until `done` or the limit in seconds is reached; whether it is done.
+    """Polls `done` until it is True or the limit in seconds is reached; returns the result.
 
-    A training takes the first Ctrl-C as a wish to end after the batch. While it waits here there is
-    no batch: KeyboardInterrupt is raised a few seconds later, which leaves a compiler that works
-    the time to end.
+    During training, the first Ctrl-C means to stop after the batch. While waiting here there is no
+    batch, so KeyboardInterrupt is raised a few seconds later. This leaves a compiler time to
+    finish.
     """
     with _heard_interrupts() as heard:
         began, pause = time.monotonic(), _SHORTEST
@@ -38,9 +38,9 @@ def wait_until(done: Callable[[], bool], limit: float) -> bool:
 
 @contextmanager
 def _heard_interrupts() -> Generator[list[float]]:
-    """Records when interrupts come; whoever handled them before still does."""
+    """Records the times of interrupts; previous handlers are still called."""
     heard: list[float] = []
-    # Python lets no other thread set handlers
+    # only the main thread can set handlers
     if threading.current_thread() is not threading.main_thread():
         yield heard
         return
@@ -52,7 +52,7 @@ def _heard_interrupts() -> Generator[list[float]]:
         if callable(handler):
             handler(number, frame)
 
-    # SIG_DFL and SIG_IGN are no functions: what the system does by itself stays as it is
+    # SIG_DFL and SIG_IGN are not callable and stay unchanged
     handled = {number: handler for number, handler in before.items() if callable(handler)}
     for number in handled:
         signal.signal(number, hear)

@@ -1,1 +1,1 @@
-"""Training kernels: the step, its reverse and the rollout loops as C with samples in SIMD lanes."""
+"""Training kernels in C: the step, its reverse and rollout loops, one rollout per SIMD lane."""

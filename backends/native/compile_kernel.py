@@ -1,4 +1,4 @@
-"""Builds a kernel once: source, flags, compiler and processor decide the file it is kept in."""
+"""Builds kernels; the cache key consists of source, flags, compiler and processor."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ FLAGS = (
     "-shared",
     "-fPIC",
 )
-"""Never -ffast-math: gcc then links code that turns denormals off in the whole process, NaN cannot
-be told from numbers, and the math kernels lose the roundings they are made of. Nor contraction:
-each compiler fuses other products. The emitter itself writes long sums as several short ones, and
-`fused` where one rounding is enough (lanes/fused_products.py).
+"""No -ffast-math: gcc would link code that flushes denormals in the whole process, NaN tests would
+fail, and the math kernels would lose their exact roundings. No contraction: each compiler fuses
+other products. The emitter itself splits long sums, and writes `fused` where one rounding is enough
+(lanes/fused_products.py).
 
-gcc gives registers to the long blocks of large models in about a fifth less of its time where it
-looks at 50 values that it might spill instead of 500, and its code is as fast
-(benchmarks/kernel_build); clang ignores it."""
+The `lra` parameter limits gcc to 50 candidates for spilling instead of 500. For large models it
+then needs about a fifth less time, and the code is as fast (benchmarks/kernel_build). clang ignores
+the flag."""
 
 FAST = ("-O3", "-funroll-loops")
 
 BRIEF = ("-O0",)
-"""For what is called some hundred times: the C of a controller takes gcc a tenth of what it takes
-at its highest level, and its golden solves are as quick (decision 393)."""
+"""For code that is called some hundred times. gcc compiles the C of a controller in a tenth of
+the time of its highest level, and golden solves are as fast (decision 393)."""
 
 _MOST_SAID = 10
-"""Lines of a compiler: the first mistake is followed by others that come of it."""
+"""Maximum number of compiler messages: later errors follow from the first."""
 
 LANES_BY_GCC = (
     "-O1",
@@ -59,18 +59,17 @@ LANES_BY_GCC = (
     "-frename-registers",
     "-fpeel-loops",
 )
-"""How gcc optimises functions on lanes, long blocks of vectors: what of its highest level makes
-them faster. The rest of that level takes two fifths of its time and makes more values wait in
-memory (decision 292)."""
+"""gcc flags for functions on lanes, i.e. long blocks of vector code: the useful part of -O3. The
+rest of that level takes two fifths of its time and causes more spilling (decision 292)."""
 
 
 class KernelBuildError(Exception):
-    """The compiler refused a kernel: a bug of the emitter, with the compiler's own words."""
+    """The compiler rejected a kernel: a bug of the emitter. The message quotes the compiler."""
 
 
 @dataclass(slots=True)
 class Built:
-    """A loaded kernel, and whether it was found right."""
+    """A loaded kernel, with a mark if it was verified."""
 
     library: ctypes.CDLL
     _stored: StoredKernel
@@ -79,30 +78,30 @@ class Built:
 
     @property
     def name(self) -> str:
-        """The name of its file in the cache, without the ending."""
+        """The name of its file in the cache, without the suffix."""
         return self._stored.key
 
     @property
     def is_checked(self) -> bool:
-        """Whether somebody compared this kernel with the interpreter."""
+        """True if this kernel was compared with the interpreter."""
         self._checked = self._checked or self._stored.is_checked(self._digest)
         return self._checked
 
     def mark_checked(self) -> None:
-        """Remembers that the comparison went well."""
+        """Stores that the comparison succeeded."""
         self._checked = True
         self._stored.mark_checked(self._digest)
 
 
 def compiled_kernel(source: str, *, on_lanes: bool = False, briefly: bool = False) -> Built:
-    """The loaded kernel of a source, compiled if it was not yet; to be called `briefly` or long.
+    """Loads the kernel of a source; compiles it first if it is not cached.
 
-    The first folder that is trusted and has the kernel or room for it keeps it. Raises
-    CompilerMissingError and KernelBuildError.
+    `briefly` selects fast compilation for code that runs shortly. The kernel is stored in the first
+    trusted folder with room. Raises CompilerMissingError and KernelBuildError.
     """
     compiler = find_compiler()
     command = (*compiler, *kernel_flags(compiler, on_lanes=on_lanes, briefly=briefly))
-    # `-march=native` means another processor elsewhere, and caches lie on shared disks
+    # `-march=native` depends on the processor, and caches may be on shared disks
     described = "\n".join((source, *command, _version(compiler), _processor()))
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
 
@@ -110,12 +109,12 @@ def compiled_kernel(source: str, *, on_lanes: bool = False, briefly: bool = Fals
         _compile(compiler, command, source, library, folder)
 
     for folder in candidates():
-        with suppress(OSError):  # full, closed, or nothing there may be executed
+        with suppress(OSError):  # full, not writable, or not executable
             real, reason = opened(folder)
             if reason is None:
                 return _loaded(StoredKernel(real, key), build)
     try:
-        # what is loaded stays in memory when its file is gone; Windows leaves the file
+        # a loaded library stays in memory without its file; Windows keeps the file
         with tempfile.TemporaryDirectory(
             prefix="msnn-kernel-", ignore_cleanup_errors=True
         ) as place:
@@ -130,10 +129,10 @@ def compiled_kernel(source: str, *, on_lanes: bool = False, briefly: bool = Fals
 def kernel_flags(
     compiler: tuple[str, ...], *, on_lanes: bool, briefly: bool = False
 ) -> tuple[str, ...]:
-    """The flags that this compiler makes kernels with. Raises CompilerMissingError."""
+    """The flags for building kernels with this compiler. Raises CompilerMissingError."""
     if briefly:
         return (*BRIEF, *FLAGS)
-    # gcc goes by many names, and others go by its name, but its copyright is its own
+    # gcc has many names, and other compilers use its name, but not its copyright
     is_gcc = "Free Software Foundation" in _told(compiler, installed_as(compiler))
     return (*(LANES_BY_GCC if on_lanes and is_gcc else FAST), *FLAGS)
 
@@ -146,7 +145,7 @@ def _loaded(stored: StoredKernel, build: Callable[[Path, Path], None]) -> Built:
 def _compile(
     compiler: tuple[str, ...], command: tuple[str, ...], source: str, library: Path, folder: Path
 ) -> None:
-    """Compiles a source. Raises OSError where the folder is what is wrong."""
+    """Compiles a source. Raises OSError if the folder is the problem."""
 
     def run(text: str) -> Finished:
         reading = ["-o", str(library), "-x", "c", "-", "-lm"]
@@ -156,7 +155,7 @@ def _compile(
     if done.code == 0:
         return
     has_room(folder)
-    # a compiler that compiles nothing is the user's to mend, one that refuses only this source ours
+    # a compiler that fails on any source is the user's problem; on this source only, it is our bug
     said = complaints(done.errors) or [f"it ended with code {done.code}"]
     if run("int answer(void) { return 42; }\n").code != 0:
         raise CompilerMissingError(f"`{shlex.join(compiler)}` compiles nothing ({said[0]})")
@@ -169,7 +168,7 @@ def _version(compiler: tuple[str, ...]) -> str:
 
 @cache
 def _told(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
-    """Asks the compiler for its description, once as long as its file stays."""
+    """The output of `--version`, cached while the compiler's file does not change."""
     del file
     return _ended(compiler, [*compiler, "--version"]).output
 
@@ -185,7 +184,7 @@ def _ended(
 
 @cache
 def _processor() -> str:
-    """The model and features of the processor, on which -march=native depends."""
+    """The model and features of the processor, which -march=native depends on."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

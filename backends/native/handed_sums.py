@@ -1,4 +1,4 @@
-"""Lets the processes that share the batches of a training add their sums one after the other."""
+"""Adds the sums of several training processes in a fixed order (ranks)."""
 
 from __future__ import annotations
 
@@ -9,50 +9,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 Sums = NDArray[np.uint8]
-"""Bytes of sums, to be replaced in place."""
+"""Bytes of sums, which are replaced in place."""
 
 
 class Ranks(Protocol):
-    """The processes of one training, this one among them."""
+    """The processes of one training; this process is one of them."""
 
     @property
     def rank(self) -> int:
-        """The number of this one, from 0."""
+        """The index of this process, from 0."""
         ...
 
     @property
     def count(self) -> int:
-        """The number of all."""
+        """The number of processes."""
         ...
 
     def receive(self, sums: Sums) -> None:
-        """Replaces sums by those of the rank before; the first one keeps its own."""
+        """Replaces sums by those of the previous rank; the first rank keeps its own."""
         ...
 
     def hand_on(self, sums: Sums) -> None:
-        """Gives sums to the next rank and replaces them by those of the last."""
+        """Sends sums to the next rank and replaces them by those of the last rank."""
         ...
 
 
 class HandedSums:
-    """Calls ranks from inside of a kernel; what they raise waits until the kernel has returned."""
+    """Calls ranks from inside a kernel; their exceptions are raised after the kernel returns."""
 
     def __init__(self, ranks: Ranks) -> None:
         self._ranks = ranks
         self._failure: BaseException | None = None
-        # kept in the object: ctypes frees a callback that nothing refers to, and C would call freed
-        # memory
+        # a reference keeps the callback alive while C can call it
         self._function = _FUNCTION(self._called)
         self.address = ctypes.cast(self._function, ctypes.c_void_p).value
 
     def raise_failure(self) -> None:
-        """Raises what ended the call of the kernel before its end."""
+        """Raises the exception that ended the kernel early, if any."""
         if self._failure is not None:
             failure, self._failure = self._failure, None
             raise failure
 
     def _called(self, whole: int, address: int, size: int) -> int:
-        if self._failure is not None:  # a line search may look again before it ends
+        if self._failure is not None:  # a line search may call again before it ends
             return 0
         sums = np.ctypeslib.as_array((ctypes.c_uint8 * size).from_address(address))
         try:
@@ -67,7 +66,7 @@ class HandedSums:
 
 
 def added_by(ranks: Ranks, own: NDArray[Any]) -> NDArray[Any]:
-    """The sum of an array over all ranks, added in their order: the same bits on each."""
+    """The sum of an array over all ranks, in their order: bit-identical on each rank."""
     found = np.zeros_like(own)
     ranks.receive(found.reshape(-1).view(np.uint8))
     found += own

@@ -1,4 +1,4 @@
-"""Keeps the sources of kernels that were written last, so that a program is not lowered twice."""
+"""Caches the sources of the latest kernels, so that a program is not lowered twice."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ P = ParamSpec("P")
 Source = TypeVar("Source")
 
 _KEPT = 16
-"""Some hundred kB each: a training, its standard errors and what is measured of it make six."""
+"""Number of sources, some hundred kB each: training, standard errors and metrics need six."""
 
 
 def kept_source(write: Callable[P, Source]) -> Callable[P, Source]:
-    """The function, its last results kept by the text of its arguments.
+    """Caches the latest results of a function, keyed by the text of its arguments.
 
-    Text, for programs with 0.0 and with -0.0 are equal and not the same; the `repr` of a dataclass
-    has all that is in it. What no kernel says is left out: programs that differ in first values of
-    parameters alone share one.
+    Equality would confuse 0.0 with -0.0; the `repr` of a dataclass does not. The key omits facts
+    that do not affect the source, so programs that differ only in initial parameters share a
+    source.
     """
     found: OrderedDict[bytes, Source] = OrderedDict()
 
@@ -36,7 +36,7 @@ def kept_source(write: Callable[P, Source]) -> Callable[P, Source]:
         source = found.pop(key, None)
         if source is None:
             source = write(*args, **kwargs)
-        # to the end: what was asked for last goes last
+        # moved to the end: the oldest use is evicted first
         found[key] = source
         if len(found) > _KEPT:
             found.popitem(last=False)
@@ -51,7 +51,7 @@ def _text(value: object) -> str:
 
 
 def _said(value: object) -> object:
-    """An argument without what its source cannot have."""
+    """An argument without the parts that do not affect the source."""
     if isinstance(value, Program):
         return replace(value, parameters=tuple(map(_any_value, value.parameters)), spec_hash="")
     if isinstance(value, Sensitivities):
@@ -60,6 +60,8 @@ def _said(value: object) -> object:
 
 
 def _any_value(parameter: Parameter) -> Parameter:
-    """Learned within bounds, whatever it begins with; else slopes are judged where it begins."""
+    """Removes the initial value of a learned bounded parameter; others affect the analysis of
+    derivatives.
+    """
     bounded = parameter.minimum is not None or parameter.maximum is not None
     return replace(parameter, initial=()) if parameter.learn and bounded else parameter

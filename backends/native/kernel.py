@@ -1,4 +1,4 @@
-"""Runs a training kernel: losses and gradients of rollouts, whole epochs of batches."""
+"""Runs a training kernel: losses and gradients of rollouts, and epochs of batches."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from compiler.ir.program import Program
 FloatArray = NDArray[np.float64]
 
 KEPT_BYTES = 32 << 20
-"""A thread keeps all rows of a rollout up to here; beyond it computes a segment at a time again."""
+"""Maximum memory per thread for all rows of a rollout; beyond it segments are recomputed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Losses:
-    """Σ and count of every loss, and ∂(weighted total)/∂ physical parameters, flat."""
+    """Σ and count of every loss, and ∂(weighted total)/∂(physical parameters), flat."""
 
     sums: FloatArray
     counts: FloatArray
@@ -52,10 +52,10 @@ def _source_of_losses(program: Program, dtype: Dtype) -> KernelSource:
 
 
 class Kernel:
-    """One program, its loops closed, compiled for this machine. Raises CompilerMissingError.
+    """A program with closed loops, compiled for this machine. Raises CompilerMissingError.
 
-    Without `slopes` it has the losses alone: what runs backwards is most of what is compiled. It
-    steps by `lbfgs` or by the other optimisers.
+    Without `slopes` it computes losses only, which compiles much faster. `lbfgs` selects that
+    optimiser, otherwise the kernel contains the others.
     """
 
     def __init__(
@@ -86,39 +86,41 @@ class Kernel:
         built = compiled_kernel(self.source.text, on_lanes=True)
         self.built = built
         self._library = built.library
-        # ctypes expects an int, which sizes from 2 GiB on do not fit
+        # ctypes assumes int, which is too small for 2 GiB
         self._library.msnn_work_bytes.restype = ctypes.c_int64
         if slopes:
             self._library.msnn_train.restype = ctypes.c_int64
 
     @property
     def step(self) -> TrainingStep:
-        """The compiled training step, as the interpreter runs it."""
+        """The compiled training step, for the interpreter."""
         return training_step(self.program) if self.slopes else losses_alone(self.program)
 
     def groups(self, starts: Rows, steps: Rows | int) -> Groups:
-        """Lane groups of rollouts that begin at rows `starts`; each group has one length."""
+        """Lane groups of rollouts that start at rows `starts`; the rollouts of a group have
+        equal length.
+        """
         return self.batches(starts, steps, len(starts))[0]
 
     def batches(
         self, starts: Rows, steps: Rows | int, size: int, members: Rows | None = None
     ) -> tuple[Groups, Rows]:
-        """Groups of batches of `size` one after the other, and the bounds that `train` takes.
+        """Groups of consecutive batches of `size` rollouts, and the bounds that `train` needs.
 
-        `steps` is one number where all rollouts are as long. `members` says which rollouts the
-        batches are made of and in which order; by default all as they stand.
+        `steps` is one integer if all rollouts have the same length. `members` lists the rollouts in
+        the order of the batches; by default all of them in order.
         """
         if members is None:
             members = np.arange(len(starts), dtype=np.int64)
         count = len(members)
         if not isinstance(steps, int) and (steps == steps[0]).all():
             steps = int(steps[0])
-        # groups have one length: where rollouts differ they are sorted into groups in Python
+        # rollouts of different lengths are sorted into groups in Python
         if not isinstance(steps, int):
             sizes = [min(size, count - begin) for begin in range(0, count, size)]
             return lane_groups(self.group_type, starts[members], steps[members], sizes)
         whole, rest = divmod(count, size)
-        # rounded up: no group has rollouts of two batches
+        # rounded up: a group never spans two batches
         a_batch, in_rest = -(-size // self.lanes), -(-rest // self.lanes)
         groups = np.empty(whole * a_batch + in_rest, self.group_type)
         starts, members = (np.ascontiguousarray(rows, np.int64) for rows in (starts, members))
@@ -136,7 +138,7 @@ class Kernel:
         return groups, bounds
 
     def shuffled(self, count: int, key: int) -> Rows:
-        """The numbers 0 … count−1 in the order that a key of 64 bits decides."""
+        """A permutation of 0 … count−1 that a 64-bit key determines."""
         order = np.empty(count, np.int64)
         self._library.msnn_shuffled(ctypes.c_uint64(key), ctypes.c_int64(count), pointer(order))
         return order
@@ -147,16 +149,16 @@ class Kernel:
         skip: int = 0,
         scored: Mapping[str, NDArray[np.bool_]] | None = None,
     ) -> KernelData:
-        """The logs as the kernel reads them."""
+        """The logs in the memory layout of the kernel."""
         return KernelData(self.source, self.dtype, series, skip, scored)
 
     def _work(self, groups: Groups, largest: int) -> WorkStruct:
-        """Memory for a call whose batches have at most so many groups; later calls use it again."""
+        """Memory for a call with batches of at most `largest` groups; later calls reuse it."""
         steps = int(groups["steps"].max())
-        # calls of a training are alike: the C is asked for the size once
+        # calls of a training are similar: the size is computed once
         if (steps, largest) == self._reserved:
             return self._reservation
-        # what one thread needs to keep all rows of its rollouts
+        # the memory of one thread for all rows of its rollouts
         alone = WorkStruct(None, steps, 0, 1, 1, 0, 1)
         kept = self._library.msnn_work_bytes(ctypes.byref(alone)) <= self._kept_bytes
         threads = min(self._threads, max(largest, 1))
@@ -178,16 +180,17 @@ class Kernel:
         gradient: bool = True,
         ranks: Ranks | None = None,
     ) -> Losses:
-        """Losses of the groups, and the gradient of their weighted total if it is wanted.
+        """Losses of the groups, and the gradient of their weighted total if requested.
 
-        With `ranks` each does a part and all get the whole, to the bits of one process.
+        With `ranks`, each process computes a part and all get the total, bit-identical to a single
+        process.
         """
         count = len(self.source.losses)
         sums, counts = np.zeros(count), np.zeros(count)
         slope = np.zeros(len(physical), self.dtype)
         work = self._work(groups, len(groups))
         handed = _handed(work, ranks)
-        # names of their own: ctypes keeps addresses, and nobody else would keep the arrays
+        # local names keep the arrays alive: ctypes stores only addresses
         theta = np.asarray(physical, self.dtype)
         scale = np.asarray(weights, float)
         self._library.msnn_losses(
@@ -202,7 +205,7 @@ class Kernel:
             pointer(sums),
             pointer(counts),
         )
-        # what ranks have raised waits until here: C has no exceptions
+        # exceptions of ranks are raised here, as C has none
         if handed is not None:
             handed.raise_failure()
         return Losses(sums, counts, slope.astype(float))
@@ -218,14 +221,15 @@ class Kernel:
         *,
         ranks: Ranks | None = None,
     ) -> tuple[int, FloatArray, FloatArray]:
-        """Batches `groups[bounds[i]:bounds[i+1]]` in order, an optimiser step after each.
+        """Runs batches `groups[bounds[i]:bounds[i+1]]` in order, with an optimiser step after each.
 
-        With `ranks` each does a part of every batch, and all take the same step.
-        Returns how many batches were finite (all, unless one stopped it), and sums and counts of
-        their losses, added one batch after the other to those `before`: the bits do not depend on
-        where an epoch is divided into calls.
+        With `ranks`, each process computes a part of every batch, and all take the same step.
+
+        Returns the number of finite batches (all, unless one stopped it), and the sums and counts
+        of their losses. These are added batch by batch to `before`, so the bits do not depend on
+        how an epoch is split into calls.
         """
-        # the C adds to them in place; without `before` one array of zeros is copied twice
+        # the C code adds in place, so `before` is copied
         sums, counts = (one.copy() for one in before or (np.zeros(len(self.source.losses)),) * 2)
         work = self._work(groups, int((bounds[1:] - bounds[:-1]).max()))
         handed = _handed(work, ranks)
@@ -254,7 +258,7 @@ class Kernel:
         rates: Mapping[str, float],
         known: KnownTerms | None = None,
     ) -> Variables:
-        """The variables at these weights; those with a rate that were on a bound begin off it."""
+        """The optimiser variables at these weights; learned ones on a bound are moved off it."""
         made = Variables(
             program=self.program,
             dtype=self.dtype,
@@ -268,13 +272,13 @@ class Kernel:
         return made
 
     def fill_in_physical(self, variables: Variables) -> None:
-        """Fills in the physical values of the raw variables that move."""
+        """Computes the physical values of the raw variables that move."""
         self._library.msnn_physical(ctypes.byref(variables.addresses))
         variables.keep_given()
 
 
 def _handed(work: WorkStruct, ranks: Ranks | None) -> HandedSums | None:
-    """Tells a call which rank it is of; what is returned must outlive the call."""
+    """Stores the rank in the call's memory; the result must outlive the call."""
     if ranks is None:
         work.rank, work.ranks, work.hand_on = 0, 1, None
         return None

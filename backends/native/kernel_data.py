@@ -1,4 +1,4 @@
-"""Lays out the logs as a kernel reads them."""
+"""Arranges the logs in the memory layout of a kernel."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 
 class KernelData:
-    """Series, and which of their rows count, kept alive for the kernel's pointers."""
+    """Series and masks of scored rows, kept alive for the kernel's pointers."""
 
     def __init__(
         self,
@@ -46,7 +46,9 @@ class KernelData:
         )
 
     def write(self, series: Mapping[str, FloatArray]) -> None:
-        """Replaces the numbers of those series that are read, which must be this object's own."""
+        """Replaces values of the series that the kernel reads; these must not be shared with
+        other objects.
+        """
         for name, values in series.items():
             if name in self._names:
                 self._series[self._names.index(name)][...] = values

@@ -1,4 +1,4 @@
-"""Asks the compiler of kernels what it is and which instructions it makes them of."""
+"""Describes the compiler of kernels and the instruction sets that it uses."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _FEATURES = {
     "__aarch64__": "AArch64",
     "__FP_FAST_FMAF": "FMA",
 }
-"""Macros of gcc and clang for the instructions that change a kernel's speed or bits."""
+"""Macros of gcc and clang for instruction sets that affect a kernel's speed or bits."""
 
 _FUSE = {"FMA", "AArch64"}
-"""Features with which templates/native/prelude.c defines HAS_FMA."""
+"""Features for which templates/native/prelude.c defines HAS_FMA."""
 
 _SECONDS = 30.0
-"""Far more than a compiler needs to say it."""
+"""Time limit, far above the usual time."""
 
 
 @dataclass(frozen=True, slots=True)
 class KernelDescription:
-    """The compiler and the processor that kernels of this machine are made by and for."""
+    """The compiler and the processor features of kernels on this machine."""
 
     compiler: str
     command: str
@@ -38,19 +38,19 @@ class KernelDescription:
 
     @property
     def fuses(self) -> bool:
-        """Whether a·b + c is one instruction, so that bits are those of other processors."""
+        """True if a·b + c is one instruction, so that bits equal those of other such processors."""
         return not _FUSE.isdisjoint(self.features)
 
 
 def kernel_description() -> KernelDescription | None:
-    """The description, or None where no compiler says anything of itself."""
+    """The description; None without a working compiler."""
     try:
         compiler = find_compiler()
         told = _macros(compiler, installed_as(compiler))
     except (CompilerMissingError, CompilerTooSlowError, OSError):
         return None
     macros = dict(re.findall(r"^#define (\w+) ?(.*)$", told, re.MULTILINE))
-    # clang says that it is gcc too, and which one in its version
+    # clang also defines the macros of gcc
     family = "clang" if "__clang__" in macros else "gcc"
     version = macros.get("__VERSION__", "").strip('"').strip()
     found = dict.fromkeys(name for macro, name in _FEATURES.items() if macro in macros)
@@ -64,7 +64,9 @@ def kernel_description() -> KernelDescription | None:
 
 @cache
 def _macros(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
-    """The macros that the compiler defines for kernels, asked once as long as its file stays."""
+    """The macros of the compiler with the flags of kernels, cached while its file does not
+    change.
+    """
     del file
     command = [*compiler, *kernel_flags(compiler, on_lanes=True), "-dM", "-E", "-x", "c", "-"]
     told = run_compiler(command, longest=_SECONDS)

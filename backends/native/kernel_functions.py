@@ -1,4 +1,4 @@
-"""Writes the functions of one program's kernel, and what loops over time pass to them."""
+"""Writes the functions of a kernel, and the arguments that loops over time pass to them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from compiler.ir.types import Axis
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """An argument of one of the model's functions, and what is passed for it at time t."""
+    """An argument of a model function, and its value at time t."""
 
     argument: Argument
     value: str
@@ -33,7 +33,7 @@ class Passed:
 
 @dataclass(frozen=True, slots=True)
 class ModelFunction:
-    """A function of the model with the values of its arguments."""
+    """A model function with the values of its arguments."""
 
     function: Function
     values: tuple[str, ...]
@@ -41,7 +41,7 @@ class ModelFunction:
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """Other nodes of the step that it stores, and the array of lanes that it is given for them."""
+    """Additional nodes that the step stores, and the array of lanes for them."""
 
     array: str = ""
     places: tuple[tuple[NodeId, ArrayView], ...] = ()
@@ -57,14 +57,14 @@ class ModelFunctions:
         self._functions = functions
         self._stored = stored or Stored()
         phases = memory.phases
-        # the same step three times, each with more of it read from rows that are there by then
+        # three versions of the step; each reads more values from rows
         self._forward = read_from_rows(memory.program.step, phases.ahead)
         kept = (*phases.ahead, *phases.kept)
         self._reverse = read_from_rows(memory.step.reverse_step.graph, kept)
         self._after = read_from_rows(self._reverse, phases.cuts)
 
     def start(self) -> ModelFunction:
-        """States at t0."""
+        """The states at t0."""
         program = self._memory.program
         writer = LaneWriter(self._memory, program.start, self._functions)
         lowered = writer.lowered(*(state.start for state in program.states))
@@ -73,7 +73,7 @@ class ModelFunctions:
         return self._made(writer, "kernel_start", self._common(""), "States at t0.")
 
     def ahead(self) -> ModelFunction:
-        """Computes for all times at once the values that do not wait for states."""
+        """Computes, for all times, the values that do not depend on states."""
         writer = LaneWriter(self._memory, self._memory.program.step, self._functions)
         for node in self._memory.phases.ahead:
             self._write_ahead(writer, node)
@@ -100,7 +100,7 @@ class ModelFunctions:
         sums.write(writer.scope, store)
 
     def step(self) -> ModelFunction:
-        """One step forward: states at t+1, loss terms, values that the reverse step reads."""
+        """One step forward: states at t+1, loss terms, values for the reverse step."""
         memory, step = self._memory, self._memory.step
         writer = LaneWriter(memory, self._forward, self._functions)
         results = [
@@ -113,7 +113,7 @@ class ModelFunctions:
             (node, array(f"row_{node}", self._forward[node].type.shape))
             for node in memory.phases.kept
         ]
-        # a sensitivity kernel stores residuals and their slopes too
+        # a sensitivity kernel also stores residuals and their derivatives
         results += self._stored.places
         terms = [(term.total, index, "total") for index, term in enumerate(step.losses)]
         terms += [
@@ -127,14 +127,13 @@ class ModelFunctions:
         for node, index, name in terms:
             lowered.store(node, array(name, (), Index(index)))
         for index, term in enumerate(step.losses):
-            # all elements are scored: a number for the compiler, no counting
+            # all elements are scored: a constant count
             if term.count is None:
                 target = array("count", (), Index(index)).element(())
                 writer.scope.assign(target, Real(float(term.elements)))
         passed = self._common(TIME)
         for name, state in memory.plain.values():
-            # states stand in rows over the time, so the reverse step reads what the forward one
-            # read
+            # states are in rows over time, so the reverse step reads the same values
             next_row = f"{name} + (t + 1) * {size_of(state.axes)}"
             passed.append(Passed(Argument("lanes *", f"next_{name}"), next_row))
         arrays = (
@@ -156,12 +155,11 @@ class ModelFunctions:
             if gradient is None:
                 continue
             if state.name in memory.buffers:
-                # an addend that is added rows later, from a tape of its own, is not added here
+                # late terms are added from their own tape, not here
                 late = {one.addend for one in memory.late_adjoints if one.state == state.name}
                 for addend in sums.of(gradient):
                     if addend not in late:
-                        # adjoints of a buffer are added into its rows: each sample collects over
-                        # all windows with it
+                        # adjoints of a buffer accumulate per sample over all windows
                         added += _parts(writer.graph, addend, memory.adjoint_rows(state))
             else:
                 place = array(f"d_{memory.plain[state.name][0]}", writer.shape(state))
@@ -179,16 +177,15 @@ class ModelFunctions:
         scale = Passed(Argument("const lanes *restrict", "scale"), "scale")
         passed = [*self._adjoints(TIME, "(t + 1)"), scale]
         for tape in memory.late_adjoints.values():
-            # time runs backwards here: the latest step stands first in the tape, and its readers
-            # come after
+            # reverse order of time: the latest step is first in the tape
             newest = f"{tape.name} + ({HORIZON} - 1 - t) * {tape.elements}"
             passed.append(Passed(Argument("lanes *restrict", tape.name), newest))
         return self._made(writer, "kernel_reverse_step", passed, "Adjoints at t from those at t+1.")
 
     def after(self) -> ModelFunction:
-        """Gradients of parameters that are sums over the time of products of rows.
+        """Gradients of parameters that are sums over time of products of rows.
 
-        A product may stand in rows itself, as a factor of another: its own factors do too.
+        A product that is stored in rows can be a factor of another; its own factors are stored too.
         """
         writer = LaneWriter(self._memory, self._after, self._functions)
         for late in self._memory.phases.late:
@@ -216,7 +213,7 @@ class ModelFunctions:
         sums.write(writer.scope, store)
 
     def reverse_start(self) -> ModelFunction:
-        """Adds the gradients that parameters get from the states at t0."""
+        """Adds the gradients of parameters through the states at t0."""
         reverse = self._memory.step.reverse_start
         writer = LaneWriter(self._memory, reverse.graph, self._functions)
         gradients = reverse.gradients.parameters
@@ -237,15 +234,14 @@ class ModelFunctions:
 
         found = [Passed(Argument("const lanes *restrict", PARAMETERS), PARAMETERS)]
         found += [row("const lanes *", s.name, s.elements) for s in memory.signals.values()]
-        # tapes and states are not `restrict`: the row that is written lies beside those that are
-        # read
+        # tapes and states are not `restrict`: rows of one array are read and written
         found += [row("lanes *", tape.name, tape.elements) for tape in memory.buffers.values()]
         found += [row("lanes *", name, size_of(s.axes)) for name, s in memory.plain.values()]
         found += [row("lanes *restrict", r.name, r.elements) for r in memory.rows.values()]
         return found
 
     def _adjoints(self, at: str, after: str) -> list[Passed]:
-        """As `_common`, and the adjoints: of tapes at t, of plain states at t and at t+1."""
+        """Like `_common`, plus adjoints: of tapes at t, of plain states at t and t+1."""
         found = self._common(at)
         for tape in self._memory.buffers.values():
             name = f"d_{tape.name}"
@@ -255,7 +251,7 @@ class ModelFunctions:
             size = size_of(state.axes)
             following = f"d_{name} + {after} * {size}" if after else f"d_{name}"
             found.append(Passed(Argument("lanes *restrict", f"d_next_{name}"), following))
-            # nothing is further back than t0: the start has no row of adjoints to write
+            # the start has no earlier row of adjoints
             if after:
                 row = f"d_{name} + {at} * {size}"
                 found.append(Passed(Argument("lanes *restrict", f"d_{name}"), row))
@@ -283,8 +279,8 @@ def _sizes(graph: Graph, node: Node) -> dict[str, int]:
 
 
 def _parts(graph: Graph, node: NodeId, target: ArrayView) -> list[tuple[NodeId, ArrayView]]:
-    """Divides a sum by its targets: a concatenation part by part, without those that are 0."""
-    # slices of windows come back padded with zeros; adding those would be most of the work
+    """Splits a sum by its targets: a concatenation part by part, without zero parts."""
+    # gradients of slices are padded with zeros, which need not be added
     if is_zero(graph, node):
         return []
     op = graph[node].op

@@ -1,4 +1,4 @@
-"""Writes the C source of a training kernel: prelude, math, the model's functions, the loops."""
+"""Writes the C source of a training kernel: prelude, math, model functions, loops."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ PREFIX = "msnn"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KernelSource:
-    """C text, and the order in which its arrays of signals and parameters stand."""
+    """C source, and the order of its arrays of signals and parameters."""
 
     text: str
     signals: tuple[str, ...]
-    """Names of the logs that the kernel gathers from, in the order of `series`."""
+    """Names of the logs that the kernel reads, in the order of `series`."""
     parameters: tuple[str, ...]
     losses: tuple[str, ...]
     has_infinite_slopes: bool = False
-    """Whether a gradient can be infinite where the losses are finite."""
+    """True if a gradient can be infinite where the losses are finite."""
     has_factors: bool = False
-    """Whether rows have factors, so that only the data tells how much is scored."""
+    """True if rows have factors, so that the scored count depends on the data."""
     takes_known: bool = False
-    """Whether its optimisers heed priors and penalties."""
+    """True if its optimisers use priors and penalties."""
 
 
 class LaneFunctions(FunctionTable):
-    """Calls of lane versions; the prelude defines those that are no kernels."""
+    """Calls lane versions of functions; the prelude defines those without a kernel."""
 
     def apply(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
         kernel = SCALAR_FUNCTIONS[function].kernel
@@ -57,10 +57,10 @@ class LaneFunctions(FunctionTable):
 def kernel_source(
     step: TrainingStep, dtype: Dtype, *, reproducible: bool = False, lbfgs: bool = False
 ) -> KernelSource:
-    """The kernel of one program whose loops are closed.
+    """The kernel of one program with closed loops.
 
-    A `reproducible` one fuses by many instructions where a processor has none for it. One with
-    `lbfgs` has that optimiser alone, others do without it: it takes gcc 0.08 s.
+    A `reproducible` kernel emulates fused operations on processors without them. `lbfgs` includes
+    only that optimiser; other kernels omit it, since it takes gcc 0.08 s.
     """
     takes_known = _has_known(step.program)
     training = _training(step.program, takes_known=takes_known, lbfgs=lbfgs)
@@ -70,7 +70,7 @@ def kernel_source(
 
 
 def losses_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
-    """The same without optimisers, which take a compiler as long as the losses of a small model."""
+    """The same without optimisers, which take as long to compile as the losses of a small model."""
     return _source(step, dtype, ())
 
 
@@ -80,12 +80,12 @@ def _has_known(program: Program) -> bool:
 
 
 def _training(program: Program, *, takes_known: bool, lbfgs: bool) -> tuple[str, ...]:
-    """The optimisers, with bounds and what is known of parameters only where a program has such.
+    """The optimisers; bounds and priors are included only if the program has such.
 
     Both take gcc an eighth of its time for a small model.
     """
     bounded = any(p.minimum is not None or p.maximum is not None for p in program.parameters)
-    # optimisers move raw variables, which bounds map to physical values, in double precision always
+    # the mapping from raw to bounded physical values is always in double precision
     bounds = c_definitions(("sigmoid", "softplus"), "double", "double") if bounded else ""
     has = {"BOUNDED": bounded, "KNOWN": takes_known, "LBFGS": lbfgs}
     said = "\n".join(f"#define {name} {int(value)}" for name, value in has.items())
@@ -134,7 +134,7 @@ def whole_source(
     tables: Sequence[str],
     loops: Sequence[str],
 ) -> KernelSource:
-    """Prelude, math, tables, the model's functions and the loops around them as one text."""
+    """Joins prelude, math, tables, model functions and loops to one source."""
     printer = LanePrinter(PREFIX, dtype)
     losses = memory.step.losses
     parts = [
@@ -143,7 +143,7 @@ def whole_source(
         f"#define PARAMETERS {memory.parameter_count}",
         f"#define LOSSES {len(losses)}",
         _text("prelude.c"),
-        # after the model's functions are lowered: only then it is known which kernels they call
+        # after lowering the model's functions, which collects the kernels that they call
         lane_kernels(functions.kernels, DOUBLE if dtype == "float64" else FLOAT, PREFIX),
         *tables,
         *(printer.function(with_fused_products(one.function)) for one in made.values()),
@@ -169,22 +169,21 @@ def _text(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ArrayRows:
-    """One array over the time of a group."""
+    """One array over time, for a group."""
 
     name: str
     elements: int
     extra: int
-    """Rows more than steps: of a state, those that the next step begins with."""
+    """Rows in addition to the steps: for a state, the initial ones."""
     first: int = 0
-    """The sample of its first row, counted from the first step."""
+    """The sample of its first row, relative to the first step."""
 
 
 def forward_arrays(memory: LaneMemory) -> dict[str, list[ArrayRows]]:
-    """The arrays over time that the functions of the step forward work on."""
+    """The arrays over time that the forward functions use."""
     return {
         "logs": [
-            # a log has rows before the first step for its past and behind the last for what lies
-            # ahead
+            # a log has rows before the first step for the past and after the last for previews
             ArrayRows(tape.name, tape.elements, tape.last - tape.first, tape.first)
             for tape in memory.signals.values()
         ],
@@ -197,7 +196,7 @@ def forward_arrays(memory: LaneMemory) -> dict[str, list[ArrayRows]]:
 
 
 def rendered(template: str, made: Mapping[str, ModelFunction], **values: object) -> str:
-    """The loops of a template around the model's functions, called with their arguments."""
+    """Renders a loop template with calls of the model functions."""
     arguments = {f"{name}_arguments": ", ".join(one.values) for name, one in made.items()}
     loops = text_templates("native", strips=True).get_template(template)
     # the parts of a kernel are joined by line ends

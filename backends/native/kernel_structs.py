@@ -1,4 +1,4 @@
-"""Structures and arrays as the C of a kernel has them."""
+"""ctypes definitions of structs and arrays of a kernel's C code."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ALIGNMENT = 64
-"""Bytes of the widest vector."""
+"""Size in bytes of the widest vector."""
 
 
 class ProblemStruct(ctypes.Structure):
     """`struct problem` of templates/native/driver.c."""
 
-    # ctypes lays fields out by the platform's ABI: order and widths are all that must agree with
-    # the C
+    # ctypes uses the platform's ABI: order and widths must agree with the C code
     _fields_ = (
         ("series", ctypes.c_void_p),
         ("rows", ctypes.c_int64),
@@ -108,15 +107,15 @@ def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
 
 
 def pointers(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
-    """The addresses of several arrays, as an array of C."""
+    """The addresses of several arrays, as a C array."""
     # at least one: C has no empty arrays
     return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
 
 
 def aligned(size: int) -> NDArray[np.uint8]:
-    """Bytes that begin where a vector may."""
+    """`size` bytes, aligned for vectors."""
     raw = np.zeros(size + _ALIGNMENT, np.uint8)
-    # numpy aligns to 16 bytes at most: loads of whole vectors would fault or be slow
+    # numpy aligns to 16 bytes only: vector loads would fault or be slow
     offset = -raw.ctypes.data % _ALIGNMENT
     # the view keeps the whole array alive
     return raw[offset : offset + size]

@@ -1,4 +1,4 @@
-"""Variables that an optimiser moves inside a kernel, and which optimiser it is."""
+"""Optimiser variables of a kernel, and the choice of optimiser."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ FloatArray = NDArray[np.float64]
 
 
 _VECTORS = 5
-"""That a step of L-BFGS works on: slopes, variables, a direction, and slopes at two places."""
+"""Work vectors of an L-BFGS step: gradient, variables, direction, and two more gradients."""
 
 
 class Method(IntEnum):
-    """Optimisers that run inside a kernel; the numbers are those of its source."""
+    """Optimisers inside a kernel; the numbers are those of its source."""
 
     ADAM = 0
     ADAMW = 1
@@ -39,7 +39,7 @@ class Method(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """An optimiser as the kernel runs it: which one, and its constants."""
+    """The optimiser of a kernel: its method and its constants."""
 
     method: Method
     beta1: float = 0.0
@@ -47,27 +47,27 @@ class Rule:
     epsilon: float = 0.0
     decay: float = 0.0
     clip: float = 0.0
-    """Largest norm of a gradient; 0 for no limit."""
+    """Maximum norm of a gradient; 0 for no limit."""
     history: int = 0
-    """Steps of L-BFGS from which the curvature is estimated."""
+    """Number of L-BFGS steps from which the curvature is estimated."""
     iterations: int = 0
-    """Steps of L-BFGS a batch."""
+    """L-BFGS steps per batch."""
 
 
 class KnownMemory:
-    """The priors and penalties of all numbers as a kernel reads them."""
+    """The priors and penalties of all parameters, in the kernel's layout."""
 
     def __init__(self, known: KnownTerms) -> None:
         ends = np.cumsum([0, *(len(one) for one in known.slices)]).astype(np.int64)
         numbers = np.concatenate([np.zeros(0, np.int64), *known.slices]).astype(np.int32)
-        # kept alive here: the struct has their addresses alone
+        # keeps the arrays alive: the struct only has their addresses
         self._arrays = (known.mean, known.std, known.magnitude, numbers, ends, known.norms)
         addresses = (array.ctypes.data for array in self._arrays)
         self.struct = KnownStruct(*addresses, len(known.slices), 0.0)
 
 
 class CurvatureMemory:
-    """The curvature that L-BFGS has learned, as a kernel reads and writes it."""
+    """The curvature estimate of L-BFGS, in the kernel's layout."""
 
     def __init__(self, rule: Rule, numbers: int) -> None:
         self.arrays = {
@@ -77,15 +77,15 @@ class CurvatureMemory:
         }
         self._room = (np.zeros(rule.history), np.zeros((_VECTORS, numbers)))
         addresses = (array.ctypes.data for array in (*self.arrays.values(), *self._room))
-        # as many looks at the losses as torch.optim.LBFGS allows by default
+        # the default limit of function evaluations of torch.optim.LBFGS
         looks = rule.iterations * 5 // 4
         self.struct = CurvatureStruct(rule.history, rule.iterations, looks, 0, 0, *addresses)
 
 
 class Variables:
-    """Raw variables, their physical values and the optimiser's memory, each array flat.
+    """Raw variables, their physical values and the optimiser's memory, as flat arrays.
 
-    `rates` are learning rates by parameter; one that is absent or 0 is held at its weight.
+    `rates` are learning rates by parameter; a parameter without one, or with 0, is fixed.
     """
 
     def __init__(
@@ -107,29 +107,29 @@ class Variables:
 
         def numbers(of: Callable[[Parameter], ArrayLike]) -> FloatArray:
             parts = [np.broadcast_to(of(p), np.shape(weights[p.name])).ravel() for p in parameters]
-            # a program may have no parameters, and concatenation wants an array
+            # np.concatenate needs an array, also without parameters
             return np.concatenate([np.zeros(0), *parts])
 
         arrays: dict[str, NDArray[Any]] = {
             "kind": numbers(lambda p: int(mapping_of(p))).astype(np.int32),
-            # a bound that is absent is never read: `kind` says which there are
+            # absent bounds are never read, by `kind`
             "low": numbers(lambda p: p.minimum or 0.0),
             "high": numbers(lambda p: p.maximum or 0.0),
             "scale": numbers(lambda p: p.scale),
             "rate": numbers(lambda p: rates.get(p.name, 0.0)).astype(dtype),
-            # held parameters have no raw value, and one on its bound need not be moved off it
+            # fixed parameters have no raw value and may stay on a bound
             "raw": numbers(lambda p: raws[p.name][0] if p.name in raws else 0.0).astype(dtype),
             "physical": numbers(lambda p: weights[p.name]).astype(dtype),
         }
         self._given = arrays["raw"].copy(), arrays["physical"].copy()
         off_bounds = numbers(lambda p: is_off_bounds(p, np.asarray(weights[p.name])))
         self._begins_as_given = off_bounds.astype(bool)
-        # as they were given: `scale_rates` begins from these, so that no rounding adds up
+        # the initial rates: `scale_rates` multiplies these, so that rounding does not accumulate
         self._rates = numbers(lambda p: rates.get(p.name, 0.0))
         arrays["first"] = np.zeros_like(arrays["raw"])
         arrays["second"] = np.zeros_like(arrays["raw"])
         self.arrays = arrays
-        # the arrays stand in the order of the struct's fields
+        # in the order of the struct's fields
         self.addresses = VariablesStruct(*(array.ctypes.data for array in arrays.values()))
         constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
         self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0, 1.0, 1.0, 0)
@@ -142,29 +142,29 @@ class Variables:
             self.optimizer.known = ctypes.pointer(self.known.struct)
 
     def keep_given(self) -> None:
-        """Sets the physical values of raw variables as they began to those given, unrounded."""
+        """Restores the exact given physical values of variables that have not moved."""
         raw, physical = self._given
         begun = self._begins_as_given & (self.arrays["raw"] == raw)
         np.copyto(self.arrays["physical"], physical, where=begun)
 
     def scale_rates(self, factor: float) -> None:
-        """Sets the learning rates to so many times those that were given."""
+        """Sets the learning rates to `factor` times their initial values."""
         self.arrays["rate"][:] = factor * self._rates
 
     def set_spread(self, spread: float) -> None:
-        """Sets ŝ²/n, by which priors count."""
+        """Sets ŝ²/n, the weight of priors."""
         if self.known is not None:
             self.known.struct.spread = spread
 
     @property
     def remembered(self) -> dict[str, NDArray[Any]]:
-        """The arrays that steps change, which a training goes on from."""
+        """The arrays that steps change, needed to resume a training."""
         own = {name: self.arrays[name] for name in ("raw", "first", "second")}
         return own if self.curvature is None else own | self.curvature.arrays
 
     @property
     def counts(self) -> list[tuple[ctypes.Structure, str]]:
-        """The numbers that steps change, each with where it stands."""
+        """The counters that steps change, each as a struct and its field."""
         own: list[tuple[ctypes.Structure, str]] = [
             (self.optimizer, name) for name in ("steps", "first_decay", "second_decay")
         ]
@@ -174,7 +174,7 @@ class Variables:
 
     @property
     def physical(self) -> FloatArray:
-        """Physical values of all numbers, in the order of the program's parameters."""
+        """Physical values of all parameters, flat, in the order of the program's parameters."""
         return self.arrays["physical"].astype(float)
 
     def weights(self) -> dict[str, FloatArray]:
@@ -183,12 +183,12 @@ class Variables:
 
 
 def flat(program: Program, weights: Mapping[str, FloatArray]) -> FloatArray:
-    """All numbers of the weights, in the order of the program's parameters."""
+    """All elements of the weights, in the order of the program's parameters."""
     return np.concatenate([np.zeros(0), *(weights[p.name].ravel() for p in program.parameters)])
 
 
 def by_parameter(program: Program, numbers: FloatArray) -> dict[str, FloatArray]:
-    """The arrays whose numbers `flat` puts in a row."""
+    """The arrays by name; the inverse of `flat`."""
     found: dict[str, FloatArray] = {}
     begin = 0
     for parameter in program.parameters:

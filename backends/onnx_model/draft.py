@@ -1,4 +1,4 @@
-"""Drafts a program for ONNX: what its models share, and how their ports are declared."""
+"""Prepares a program for ONNX: the shared parts of its models and declarations of ports."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from spec_schema.units.unit import Unit
 from spec_schema.version import __version__
 
 OPSET = 17
-"""Operators as most runtimes of the last years know them; nothing here needs a newer set."""
+"""Operator set, which most current runtimes support; no newer operators are needed."""
 
 IR_VERSION = 8
-"""The file version that came with this operator set."""
+"""The version of the file format for this operator set."""
 
 NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.onnx)
-"""Scalar functions with an operator that is exact in double; others are lowered by definition."""
+"""Scalar functions with an exact double operator; others are lowered by definition."""
 
 STEPS = "steps"
-"""Name of the free dimension of a rollout, and of the input of one that has no inputs."""
+"""Name of the free dimension of a rollout, and of the input of a rollout without inputs."""
 
 Values = list[onnx.ValueInfoProto]
 
@@ -55,12 +55,14 @@ class Draft:
 
     @staticmethod
     def of(program: Program, weights: Mapping[str, ArrayLike] | None, dtype: DTypeLike) -> Draft:
-        """ValueError for another dtype than float32 and float64 or a weight of a wrong shape."""
+        """Raises ValueError for a dtype other than float32 and float64, or a weight of a wrong
+        shape.
+        """
         real = np.dtype(dtype)
         if real not in _ELEMENTS:
             message = f"an ONNX model is made in float32 or float64, not {real}"
             raise ValueError(message)
-        # before expansion: the names and shapes of parameters are the same after it
+        # expansion does not change names and shapes of parameters
         arrays = physical_weights(program, weights or {})
         expanded = expand_functions(program, NATIVE)
         interface = step_interface(expanded)
@@ -73,7 +75,7 @@ class Draft:
         )
 
     def nodes(self) -> OnnxNodes:
-        """No nodes yet, and all names of ports taken."""
+        """An empty list of nodes, in which the names of ports are reserved."""
         names = self.names
         tables = (
             names.inputs,
@@ -86,13 +88,12 @@ class Draft:
         return OnnxNodes(self.dtype, {STEPS, *(n for table in tables for n in table.values())})
 
     def lower_step(self, nodes: OnnxNodes, names: PortNames) -> None:
-        """Appends the step's nodes, which read and write values called as `names` says."""
+        """Appends the nodes of the step, between the ports that `names` lists."""
         ports = {p.signal.name: (p, names.inputs[p.signal.name]) for p in self.interface.inputs}
         sources = LeafNodes(ports, names.states, names.parameters, self.weights)
         values = lower_nodes(self.program.step, self.interface.step_nodes, sources, nodes)
         for output in self.interface.outputs:
-            # an output may be an input as it is, or the same value as another one: ONNX wants a
-            # name of its own for each
+            # an output may equal an input or another output, but ONNX needs unique names
             nodes.add_as(names.outputs[output.name], "Identity", [values[output.node]])
         for state in self.interface.states:
             nodes.add_as(names.next_states[state.name], "Identity", [values[state.next]])
@@ -141,14 +142,14 @@ class Draft:
     def value(
         self, name: str, axes: Sequence[Axis], doc: str, *, series: bool = False
     ) -> onnx.ValueInfoProto:
-        """Declares a value; each dimension carries the name of its axis as denotation."""
+        """Declares a value; each dimension has the name of its axis as denotation."""
         shape: list[int | str] = [axis.size for axis in axes]
         names = [axis.name for axis in axes]
         if series:
-            # a text in place of a number is a free dimension: one model runs logs of any length
+            # a string is a free dimension, so that one model runs logs of any length
             shape, names = [STEPS, *shape], [STEPS, *names]
         declared = helper.make_tensor_value_info(name, _ELEMENTS[self.dtype], shape, doc)
-        # ONNX has no names of axes: denotations are where tools look for them
+        # ONNX has no axis names; tools show denotations
         for dimension, axis in zip(declared.type.tensor_type.shape.dim, names, strict=True):
             dimension.denotation = axis
         return declared
@@ -161,7 +162,7 @@ class Draft:
         results: Values,
         parameters: Sequence[Parameter],
     ) -> onnx.ModelProto:
-        """The model with parameters as initialisers and a description of all ports in it."""
+        """The model, with parameters as initialisers and a description of all ports."""
         for parameter in parameters:
             name = self.names.parameters[parameter.name]
             nodes.numbers(name, self.weights[parameter.name], _doc(parameter.doc, parameter.unit))
@@ -185,7 +186,7 @@ class Draft:
             "interface": metadata_text(metadata),
         }
         helper.set_model_props(model, properties)
-        # shapes are inferred too: a wrong one is found here, not by a runtime
+        # also infers shapes, so that errors are found here, not by a runtime
         onnx.checker.check_model(model, full_check=True)
         return model
 

@@ -1,4 +1,4 @@
-"""Writes a program's ONNX models into a folder."""
+"""Writes a program's ONNX models to a folder."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ def write_onnx(
     prefix: str,
     dtype: DTypeLike = np.float64,
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>.onnx`, `<prefix>_rollout.onnx`, a README `<prefix>_onnx.md`, and where there
-    are states `<prefix>_initial_state.onnx`.
+    """Writes the ONNX models of a program in step form; returns the paths.
 
-    The program is in step form; `weights` or the initial values become initialisers. Returns the
-    paths. OSError where the folder cannot be written, ValueError for another dtype than float32 and
-    float64 or a weight of a wrong shape.
+    The files are `<prefix>.onnx`, `<prefix>_rollout.onnx`, a README `<prefix>_onnx.md`, and for a
+    program with states `<prefix>_initial_state.onnx`. `weights` or the initial values become
+    initialisers. Raises OSError if the folder is not writable, ValueError for a dtype other than
+    float32 and float64 or a weight of a wrong shape.
     """
     models = {
         f"{prefix}.onnx": build_model(program, weights, dtype),
         f"{prefix}_rollout.onnx": build_rollout(program, weights, dtype),
     }
-    # a model without results is refused by runtimes
+    # runtimes refuse a model without results
     if program.states:
         models[f"{prefix}_initial_state.onnx"] = build_initial_state(program, weights, dtype)
     readme = readme_text(
@@ -48,5 +48,5 @@ def write_onnx(
 
 
 def _bytes(model: onnx.ModelProto) -> bytes:
-    # protobuf may write maps in any order otherwise: the same model would have other bytes
+    # otherwise protobuf may write maps in any order
     return model.SerializeToString(deterministic=True)

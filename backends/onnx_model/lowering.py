@@ -28,26 +28,26 @@ _RELATIONS = {
 
 @dataclass(frozen=True, slots=True)
 class LeafNodes:
-    """The names of the values behind a graph's leaves, by the spec's names."""
+    """The value names of a graph's leaves, by name in the spec."""
 
     ports: Mapping[str, tuple[Port, str]]
     states: Mapping[str, str]
     parameters: Mapping[str, str]
     weights: Mapping[str, NDArray[np.float64]]
-    """The numbers that the initialisers of parameters hold."""
+    """The values of the initialisers of parameters."""
 
 
 def lower_nodes(
     graph: Graph, nodes: Sequence[NodeId], sources: LeafNodes, onnx: OnnxNodes
 ) -> dict[NodeId, str]:
-    """Names of the values of `nodes`, which must hold the operands of each before it."""
+    """Value names of `nodes`, which are ordered with operands first."""
     values: dict[NodeId, str] = {}
-    # in single precision what is dropped changes nothing
+    # in single precision the dropped operands have no effect
     is_double = onnx.dtype == np.dtype(np.float64)
     kept = near_neutral(graph, nodes, sources.weights) if is_double else {}
     for index in nodes:
         node = graph[index]
-        # the place in the spec goes with each node, where viewers of ONNX show it
+        # viewers of ONNX show the place in the spec
         place = f"line {node.span.line}" if node.span else ""
         onnx.describe(node.label or f"n{index}", place)
         operands = [values[arg] for arg in node.args]
@@ -94,7 +94,7 @@ def _lower(
         case ops.Maximum():
             return onnx.add("Max", values)
         case ops.Clamp():
-            # not Clip: its limits are scalars, those of a signal with dims are not
+            # not Clip, whose limits are scalars
             return onnx.add("Min", [onnx.add("Max", values[:2]), values[2]])
         case ops.Compare(relation):
             return onnx.add(_RELATIONS[relation], values)
@@ -113,14 +113,14 @@ def _lower(
         case ops.Concat(axis):
             return onnx.add("Concat", values, axis=types[0].position(axis))
         case ops.Sum(axis):
-            # an input since opset 13, where it was an attribute before
+            # axes are an input since opset 13, not an attribute
             along = onnx.integers([types[0].position(axis)])
             return onnx.add("ReduceSum", [values[0], along], keepdims=0)
         case ops.Contract(axis):
             return _contract(values, types, node.type, axis, onnx)
         case ops.Window(state):
             last = len(shape) - 1
-            # oldest first: the buffer, then what is new (R1)
+            # oldest first: the buffer, then the newest sample (R1)
             newest = onnx.add("Unsqueeze", [values[0], onnx.integers([last])])
             return onnx.add("Concat", [sources.states[state], newest], axis=last)
         case _ as never:
@@ -130,7 +130,7 @@ def _lower(
 def _read(port: Port, value: str, read: tuple[int, int], type: Type, onnx: OnnxNodes) -> str:
     first, last = read
     before = port.type.shape
-    # ports hold all samples that any reader wants: each takes its own
+    # ports have the samples of all readers: select those of this one
     if read != (port.first, port.last):
         size = last - first + 1
         start = first - port.first
@@ -142,10 +142,10 @@ def _read(port: Port, value: str, read: tuple[int, int], type: Type, onnx: OnnxN
 def _contract(
     values: list[str], types: list[Type], result: Type, axis: str, onnx: OnnxNodes
 ) -> str:
-    """A matrix product, stacked over the axes that both operands keep."""
+    """A matrix product, batched over the axes that both operands keep."""
     left, right = types
     summed = left.axes[left.position(axis)]
-    # MatMul sums the last axis of the left with the last but one of the right, and pairs all before
+    # MatMul sums the last axis of left and the last but one of right; axes before are batched
     shared = [a for a in result.axes if _has(left, a) and _has(right, a)]
     rows = [a for a in result.axes if _has(left, a) and a not in shared]
     columns = [a for a in result.axes if _has(right, a) and a not in shared]
@@ -155,7 +155,7 @@ def _contract(
     axes = (*shared, *rows, *columns)
     after = tuple(a.size for a in axes)
     stacked = _stacked(shared, rows, columns)
-    # MatMul knows matrices alone: rows and columns are taken apart into their axes again
+    # MatMul has matrices only: split rows and columns into their axes again
     value = onnx.reshaped(product, stacked, after)
     return onnx.broadcast(value, Type(axes), result)
 
@@ -164,16 +164,16 @@ def _arranged(
     value: str, type: Type, groups: tuple[list[Axis], list[Axis], list[Axis]], onnx: OnnxNodes
 ) -> str:
     axes = [axis for group in groups for axis in group]
-    # axes together that MatMul takes as one: stack, rows, columns
+    # merge axes for MatMul: batch, rows, columns
     value = onnx.transposed(value, [type.position(axis.name) for axis in axes])
     return onnx.reshaped(value, tuple(axis.size for axis in axes), _stacked(*groups))
 
 
 def _stacked(shared: list[Axis], rows: list[Axis], columns: list[Axis]) -> tuple[int, ...]:
-    """Shape of a stack of matrices; an operand without rows or columns has one.
+    """Shape of batched matrices; an operand without rows or columns has one.
 
-    It must not be a vector: onnxruntime 1.31 fuses a transposed matrix with a vector into a product
-    of the matrix as it was, and no message tells.
+    It must not be a vector: onnxruntime 1.31 silently fuses a transposed matrix and a vector to a
+    product with the matrix that is not transposed.
     """
     size = math.prod
     return (

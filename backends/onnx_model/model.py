@@ -1,4 +1,4 @@
-"""Makes ONNX models of a step-form program: one step, a rollout of many, the first states."""
+"""Builds ONNX models of a step-form program: one step, a rollout, the initial states."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Weights = Mapping[str, ArrayLike] | None
 def build_model(
     program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
 ) -> onnx.ModelProto:
-    """One step: inputs and states in, outputs and next states out, parameters as initialisers.
+    """One step: (inputs, states) → (outputs, next states), with parameters as initialisers.
 
-    `onnx_names` tells what the values are called; each has the axes of the spec, the window last.
-    ValueError for another dtype than float32 and float64 or a weight of a wrong shape.
+    `onnx_names` gives the names of values; each has the axes of the spec, the window last. Raises
+    ValueError for a dtype other than float32 and float64 or a weight of a wrong shape.
     """
     draft = Draft.of(program, weights, dtype)
     names, nodes = draft.names, draft.nodes()
@@ -38,18 +38,18 @@ def build_model(
 def build_rollout(
     program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
 ) -> onnx.ModelProto:
-    """Many steps as one `Scan`: first states and the series of every input in, last states and the
-    series of every output out. A series has the axis `steps` first, then those of the port.
+    """Many steps as one `Scan`: (initial states, input series) → (final states, output series).
 
-    A program without inputs gets the input `steps`, a vector whose length is their number.
+    A series has the axis `steps` first, then those of the port. A program without inputs gets the
+    input `steps`, a vector whose length is the number of steps.
     """
     draft = Draft.of(program, weights, dtype)
     names, nodes = draft.names, draft.nodes()
-    # ONNX knows one space of names for a graph and what it contains
+    # a graph and its subgraphs share one namespace in ONNX
     inside = _inside(names, nodes)
     body = OnnxNodes(nodes.dtype, nodes.taken)
     draft.lower_step(body, inside)
-    # a Scan needs a series to know how often: without inputs its length is all that counts
+    # a Scan needs a series for its number of steps
     clock = draft.value(c_identifier("step", nodes.taken), (), "")
     body_graph = helper.make_graph(
         body.nodes,
@@ -67,7 +67,7 @@ def build_rollout(
         [value.name for value in arguments],
         [value.name for value in results],
         name="rollout",
-        # the last of the arguments are scanned, the first are the state
+        # the last arguments are scanned, the first are the state
         num_scan_inputs=len(series),
         body=body_graph,
     )
@@ -78,10 +78,10 @@ def build_rollout(
 def build_initial_state(
     program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
 ) -> onnx.ModelProto:
-    """The states before the first step: windows of the record around it in, states out.
+    """The states before the first step, from windows of recorded samples around it.
 
-    A window holds the samples t0+first … t0+last that its documentation and the metadata name.
-    ValueError for a program without states: a model that gives nothing cannot be loaded.
+    A window has the samples t0+first … t0+last that its documentation and the metadata give. Raises
+    ValueError for a program without states, since a model without results cannot be loaded.
     """
     if not program.states:
         message = f"`{program.name}` has no states, so nothing gives their first values"
@@ -103,12 +103,12 @@ def build_initial_state(
 
 
 def onnx_names(program: Program) -> PortNames:
-    """The names of the values at the ports of the three models."""
+    """The names of values at the ports of the three models."""
     return port_names(step_interface(program), (STEPS,))
 
 
 def _inside(names: PortNames, nodes: OnnxNodes) -> PortNames:
-    """Names for the ports of the scanned step, which may not be those of the values around it."""
+    """Names for the ports of the scanned step, which must differ from those outside."""
 
     def renamed(table: dict[str, str]) -> dict[str, str]:
         return {key: c_identifier(f"{name}.now", nodes.taken) for key, name in table.items()}

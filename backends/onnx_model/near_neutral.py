@@ -1,9 +1,9 @@
-"""Finds the additions and products that onnxruntime leaves out, although they change something.
+"""Finds additions and products that onnxruntime removes although they have an effect.
 
-Its NoopElimination (1.31) compares an operand that is known and has one element with 0 or 1 in
-single precision, in double models too: a factor or divisor within 6e-8 of 1 is dropped, and a term
-below 7e-46. Weights and what is computed from them alone are known. An operand with more axes than
-the other one is kept, as the result has its axes.
+Its NoopElimination (1.31) compares a known operand of one element with 0 or 1 in single precision,
+also in double models. It drops a factor or divisor within 6e-8 of 1, and a term below 7e-46.
+Weights and values that depend on them only are known. An operand with more axes than the other is
+not dropped, as the result has its axes.
 """
 
 from __future__ import annotations
@@ -26,15 +26,14 @@ _NEUTRAL: Mapping[type, float] = {
     ops.Divide: 1.0,
 }
 _NEAR = {0.0: 1e-44, 1.0: 1e-7}
-"""A little more than rounds to the neutral number: a runtime's own last digits may be others."""
+"""Slightly larger than the values that round to the neutral element, as runtimes may round
+differently."""
 
 
 def near_neutral(
     graph: Graph, nodes: Sequence[NodeId], weights: Mapping[str, NDArray[np.float64]]
 ) -> dict[NodeId, int]:
-    """Those of the nodes that have an operand which would be dropped, and is not 0 or 1.
-
-    With the place of the operand."""
+    """The nodes with an operand that would be dropped but is not 0 or 1, with its index."""
     known: list[Any] = [None] * len(graph)
     found: dict[NodeId, int] = {}
     with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""Turns names of a spec into identifiers that any C or C++ compiler and most tools accept."""
+"""Converts names of a spec to identifiers that C and C++ compilers and most tools accept."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 import unicodedata
 
 LONGEST = 48
-"""C99 promises that 63 characters of an internal name count; prefixes and suffixes need some."""
+"""Maximum length; C99 guarantees 63 significant characters, and prefixes and suffixes need some."""
 
 _C_WORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline int
@@ -25,7 +25,7 @@ assert complex errno imaginary linux unix vax i386 near far interrupt huge main
 NULL NAN INFINITY EOF TRUE FALSE BOOL PI DEBUG NDEBUG ERROR OK DOMAIN OVERFLOW UNDERFLOW
 int8_t int16_t int32_t int64_t uint8_t uint16_t uint32_t uint64_t size_t
 """
-# compilers warn where one of these is shadowed
+# compilers warn if one of these is shadowed
 _LIBRARY_FUNCTIONS = """
 abs acos acosh asin asinh atan atan2 atanh cbrt ceil cos cosh div erf erfc exp exp2 expm1 fabs fabsf
 floor fma fmax fmin fmod frexp gamma hypot index isinf isnan j0 j1 jn ldexp lgamma log log10 log1p
@@ -36,16 +36,16 @@ _RESERVED = frozenset((_C_WORDS + _CPP_WORDS + _MACROS_AND_TYPES + _LIBRARY_FUNC
 
 
 def c_identifier(name: str, taken: set[str], numbers: dict[str, int] | None = None) -> str:
-    """An identifier for `name` that is not in `taken`, to which it is added.
+    """An identifier for `name` that is not in `taken`; it is added to `taken`.
 
-    Greek letters are spelled out, other foreign characters and dots become `_`; the result is a
-    letter followed by ASCII letters, digits and single `_`, no word that C, C++ or their headers
-    use, and at most 48 characters long. The same calls give the same identifiers.
+    Greek letters are spelled out, other foreign characters and dots become `_`. The result is a
+    letter followed by ASCII letters, digits and single `_`, with at most 48 characters. It is not a
+    reserved word of C, C++ or their headers. The function is deterministic.
 
         c_identifier("vehicle.ρ_hat", set()) == "vehicle_rho_hat"
 
-    `numbers` keeps for each name the first number that may be free, for many names that are alike:
-    nothing is taken out of `taken` between its calls.
+    `numbers` stores for each name the first number that may be free, for speed with many similar
+    names; it requires that nothing is removed from `taken`.
     """
     base = _plain(name)
     if base in _RESERVED:
@@ -72,10 +72,10 @@ def _plain(name: str) -> str:
         character if character.isascii() else _spelled(character) or "_" for character in name
     )
     plain = re.sub(r"[^A-Za-z0-9]+", "_", spelled).strip("_")
-    # names that begin with _ belong to compilers and libraries
+    # names that start with _ are reserved for compilers and libraries
     if not plain or not plain[0].isalpha():
         plain = f"v_{plain}".rstrip("_")
-    # names that are equal up to there are told apart by their numbers
+    # names that are equal up to this length get numbers
     return plain[:LONGEST].rstrip("_")
 
 
@@ -89,7 +89,7 @@ _SYMBOLS = {"µ": "u", "°": "deg", "·": "*", "×": "x", "−": "-", "–": "-"
 
 
 def _spelled(character: str) -> str:
-    """`rho` for ρ, `Omega` for Ω, `e` for é; nothing for what has no such spelling."""
+    """`rho` for ρ, `Omega` for Ω, `e` for é; empty for characters without such a spelling."""
     words = unicodedata.name(character, "").split(" WITH ")[0].split()
     match words:
         case ["GREEK", "SMALL", "LETTER", *_, letter]:

@@ -1,4 +1,4 @@
-"""Describes the ports of an exported step as plain data: names, axes, units, lags, start values."""
+"""Describes the ports of an exported step as JSON data: names, axes, units, lags, values."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from compiler.ir.types import Axis
 from spec_schema.units.unit import Unit
 
 FORMAT = 1
-"""Version of the data's layout, raised when a reader of the former one would misread it."""
+"""Version of the data's layout; increased if older readers would misread it."""
 
 
 def interface_metadata(
@@ -35,15 +35,15 @@ def interface_metadata(
     names: PortNames,
     weights: Mapping[str, ArrayLike] | None = None,
 ) -> dict[str, Any]:
-    """Data for `json.dumps`. `name` is the spec's name of a thing, `port` its name in the export.
+    """Data for `json.dumps`. `name` is a name in the spec, `port` its name in the export.
 
-    Numbers are physical, in the unit beside them; `unit` is null where the spec gives none. Of a
-    step that is `late` the outputs are those of so many samples before t, and its samples, those of
-    the start too, are counted from the t at which it is called.
+    Numbers are physical, in the given unit; `unit` is null if the spec has none. The outputs of a
+    step that is `late` are those of `late` samples before t. All sample offsets, also of the start,
+    are relative to the t at which the step is called.
     """
-    # raw values mean nothing to a reader: bounds are folded in
+    # physical values, as raw values are internal
     arrays = physical_weights(program, weights or {})
-    # some only the start needs, and a reader wants all that the export has
+    # includes parameters that only the start needs
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
     return {
         "format": FORMAT,
@@ -70,7 +70,7 @@ def interface_metadata(
 
 
 def metadata_text(metadata: Mapping[str, Any]) -> str:
-    """The data as JSON, the same bytes for the same data."""
+    """The data as JSON, deterministically."""
     return json.dumps(metadata, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -92,7 +92,7 @@ def _output(program: Program, output: Output, name: str) -> dict[str, Any]:
         **_value(output.name, name, type.axes, type.unit, output.doc),
         "range": json_range(program.expected_range(output.name)),
         "predicts": predicts
-        # from the t at which the step is called, as all samples here
+        # relative to the t at which the step is called
         and {"signal": predicts.signal, "ahead": predicts.ahead - program.late},
     }
 
@@ -108,7 +108,7 @@ def _state(state: State, names: PortNames) -> dict[str, Any]:
 
 def _origin(origin: Origin) -> dict[str, Any]:
     match origin:
-        # `kind` is read by harnesses in other languages: words, not names of classes
+        # `kind` is read by tools in other languages, so it is independent of class names
         case Declared():
             return {"kind": "declared"}
         case LayerMemory():
@@ -122,7 +122,7 @@ def _origin(origin: Origin) -> dict[str, Any]:
 def _parameter(parameter: Parameter, name: str, values: list[float]) -> dict[str, Any]:
     return {
         **_value(parameter.name, name, parameter.axes, parameter.unit, parameter.doc),
-        # a parameter without bounds has an open range, which is not "unknown": two nulls
+        # a parameter without bounds has an open range, two nulls
         "range": json_range(
             (_or_infinite(parameter.minimum, -1), _or_infinite(parameter.maximum, 1))
         ),
@@ -147,7 +147,7 @@ def _or_infinite(bound: float | None, sign: int) -> float:
 
 
 def json_range(bounds: tuple[float, float] | None) -> list[float | None] | None:
-    """Lowest and highest value; JSON knows no infinity, so an open side is null."""
+    """Minimum and maximum; an infinite side is null, as JSON has no infinity."""
     if bounds is None:
         return None
     return [bound if math.isfinite(bound) else None for bound in bounds]

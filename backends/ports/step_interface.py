@@ -1,4 +1,4 @@
-"""Lists what a step-form program exchanges with its surroundings: the ports of exports."""
+"""Lists the ports of a step-form program for exports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from compiler.ir.types import WINDOW, Axis, Type
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """Samples t+first … t+last of a signal; without a window axis in the type the one sample."""
+    """Samples t+first … t+last of a signal; a single sample if the type has no window axis."""
 
     signal: Signal
     type: Type
@@ -23,43 +23,43 @@ class Port:
 
     @property
     def lag(self) -> int:
-        """Samples by which the port's newest value is late: d of a port that takes s[t-d]."""
+        """Delay in samples of the port's newest value: d for a port that receives s[t-d]."""
         return max(-self.last, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class StepInterface:
-    """Ports of the step and of the function that makes its first states, each in program order."""
+    """Ports of the step and of the function for initial states, in program order."""
 
     inputs: tuple[Port, ...]
     states: tuple[State, ...]
     parameters: tuple[Parameter, ...]
-    """Those that outputs and next states depend on."""
+    """Parameters that outputs and next states depend on."""
     outputs: tuple[Output, ...]
     step_nodes: tuple[NodeId, ...]
-    """Nodes of the step that outputs and next states need; losses are left out."""
+    """Nodes that outputs and next states depend on, without losses."""
     start_windows: tuple[Port, ...]
-    """All samples around t0 that the start graph reads of each signal, one window a signal."""
+    """All samples around t0 that the start graph reads, one window per signal."""
     start_parameters: tuple[Parameter, ...]
     start_nodes: tuple[NodeId, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class PortNames:
-    """Identifiers by the spec's names, all different from one another."""
+    """Unique identifiers of ports, by name in the spec."""
 
     inputs: dict[str, str]
     states: dict[str, str]
     parameters: dict[str, str]
     outputs: dict[str, str]
     next_states: dict[str, str]
-    """`<state>_next`; `<state>_next_state` where an output or another port has that name."""
+    """`<state>_next`, or `<state>_next_state` if an output or another port has that name."""
     start_windows: dict[str, str]
     """`<signal>_window`."""
 
 
 def step_interface(program: Program) -> StepInterface:
-    """The ports of a program in step form; ValueError where an input is read more than once."""
+    """The ports of a program in step form. Raises ValueError if an input is read more than once."""
     outputs = [output.node for output in program.outputs]
     step_nodes = _nodes(program.step, [*outputs, *(s.next for s in program.states)])
     start_nodes = _nodes(program.start, [state.start for state in program.states])
@@ -76,22 +76,22 @@ def step_interface(program: Program) -> StepInterface:
 
 
 def port_names(interface: StepInterface, reserved: Iterable[str] = ()) -> PortNames:
-    """Names for every port; none of `reserved` is used."""
+    """Names for all ports, excluding `reserved`."""
     taken = set(reserved)
 
     def identifiers(names: Iterable[str], suffix: str = "") -> dict[str, str]:
         return {name: c_identifier(name + suffix, taken) for name in names}
 
     def next_value(state: str) -> str:
-        # of an empty set, which numbers nothing: `x_next_2` would say less than `x_next_state`
+        # an empty set avoids numbering: `x_next_state` is clearer than `x_next_2`
         usual = c_identifier(f"{state}.next", set())
         return c_identifier(f"{state}.next_state" if usual in taken else f"{state}.next", taken)
 
-    # one that both functions read is one port
+    # a parameter that both functions read is one port
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
     states = [state.name for state in interface.states]
     return PortNames(
-        # in this order: who comes first keeps its name; next values, which no spec names, give way
+        # in this order: earlier ports keep their names; next values come last
         inputs=identifiers(port.signal.name for port in interface.inputs),
         outputs=identifiers(output.name for output in interface.outputs),
         states=identifiers(states),

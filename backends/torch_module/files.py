@@ -1,4 +1,4 @@
-"""Writes a program as a standalone torch module with its weights into a folder."""
+"""Writes a program as a standalone torch module, with its weights, to a folder."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def write_torch(
 ) -> tuple[Path, ...]:
     """Writes `<prefix>.py`, `<prefix>.safetensors` and a README, `<prefix>_torch.md`.
 
-    The program is in step form; `dtype` is what the module computes in unless its `load` is told
-    otherwise. Weights are physical float64 arrays, the initial values where none are given. Returns
-    the paths. OSError where the folder cannot be written, ValueError for a weight of a wrong shape.
+    The program is in step form. `dtype` is the default precision of the module's `load`. Weights
+    are physical float64 arrays; the default is the initial values. Returns the paths. Raises
+    OSError if the folder is not writable, ValueError for a weight of a wrong shape.
     """
-    # before text is made: a wrong weight leaves no file behind
+    # checked first, so that a wrong weight leaves no files
     arrays = physical_weights(program, weights or {})
     metadata = {"program": program.name, "spec_sha256": program.spec_hash}
     interface = step_interface(program)
@@ -49,7 +49,7 @@ def write_torch(
 
 
 def _zeros(ports: Iterable[Port], dtype: str) -> str:
-    """A dictionary of zeros for the ports, a batch of one, as Python writes it."""
+    """Python source of a dictionary of zeros for the ports, with a batch of one."""
     entries = [
         f"{port.signal.name!r}: torch.zeros({(1, *port.type.shape)}, dtype=torch.{dtype})"
         for port in ports

@@ -1,4 +1,4 @@
-"""Lowers a graph of the IR to a `torch.fx` graph: straight-line tensor code, the batch first."""
+"""Lowers a graph of the IR to a `torch.fx` graph: straight-line tensor code, batch first."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from compiler.passes.expand_functions import expand_functions
 
 @dataclass(frozen=True, slots=True)
 class GivenNode:
-    """A value that another lowered graph computed before: the node of the same IR graph."""
+    """A value that another lowered graph has computed, by its node of the IR graph."""
 
     node: NodeId
 
 
 @dataclass(frozen=True, slots=True)
 class TorchLeaf:
-    """One argument of a lowered graph: where it comes from, and whether it has a window axis."""
+    """One argument of a lowered graph: its source, and True if it has a window axis."""
 
     source: ops.AnyRead | GivenNode
     windowed: bool
@@ -44,19 +44,21 @@ class TorchLeaf:
 
 @dataclass(frozen=True, slots=True)
 class LoweredGraph:
-    """Callable torch code of a graph: the tensors of `leaves` in, those of the roots out."""
+    """Callable torch code of a graph; it maps the tensors of `leaves` to those of the roots."""
 
     module: fx.GraphModule
     leaves: tuple[TorchLeaf, ...]
     origins: dict[str, Node]
-    """The IR node behind each name in the generated code, for comments."""
+    """The IR node of each name in the generated code, for comments."""
 
     def __call__(self, arguments: Sequence[Tensor]) -> tuple[Tensor, ...]:
         return self.module(*arguments)
 
 
 def static_nodes(graph: Graph) -> list[bool]:
-    """Marks nodes of parameters and constants only, whose tensors have no batch axis."""
+    """Marks nodes that depend on parameters and constants only; their tensors have no batch
+    axis.
+    """
     static: list[bool] = []
     for _, node in graph:
         match node.op:
@@ -70,8 +72,8 @@ def static_nodes(graph: Graph) -> list[bool]:
 
 
 def prepared(program: Program) -> Program:
-    """The program with functions that torch lacks written out, and slopes guarded."""
-    # before it is lowered: autograd multiplies slopes as they are
+    """The program with functions that torch lacks expanded, and derivatives guarded."""
+    # guarded before lowering, since autograd evaluates 0 · ∞ as NaN
     return guard_infinite_slopes(guard_untaken(expand_functions(program, NATIVE_FUNCTIONS)))
 
 
@@ -86,10 +88,10 @@ def lower_graph(
 ) -> LoweredGraph:
     """Torch code for the values of `roots`; nodes in `given` become arguments of the code.
 
-    A value of shape `(*shape)` is a tensor `(B, *shape)`, or `(*shape)` where the node is static
-    (`static_nodes`). `identify` names the arguments, which are numbered; constants are buffers of
-    the module called `<constants>_0`, …. Slopes of untaken branches are the business of
-    `guard_untaken`.
+    A value of shape `(*shape)` is a tensor `(B, *shape)`, or `(*shape)` if the node is static
+    (`static_nodes`). `identify` names the arguments, which are numbered. Constants are buffers of
+    the module named `<constants>_0`, …. Derivatives of untaken branches must be guarded before
+    (`guard_untaken`).
     """
     lowering = _Lowering(graph, dtype, given, identify or _default_name, constants)
     return lowering.run(roots)
@@ -122,7 +124,7 @@ class _Lowering:
 
     def run(self, roots: Sequence[NodeId]) -> LoweredGraph:
         needed = self._needed(roots)
-        for index in needed:  # arguments stand first in an fx graph
+        for index in needed:  # arguments come first in an fx graph
             leaf = self._leaf(index)
             if leaf is not None:
                 self._values[index] = self._argument(leaf)
@@ -130,7 +132,7 @@ class _Lowering:
             if index not in self._values:
                 self._values[index] = self._lower(index)
         self._code.output(tuple(self._values[root] for root in roots))
-        # backwards, so that of nodes that share a value the first one names it
+        # backwards, so that the first of several nodes with one value names it
         origins = {self._values[index].name: self._graph[index] for index in reversed(needed)}
         return LoweredGraph(fx.GraphModule(self._root, self._code), tuple(self._leaves), origins)
 
@@ -155,7 +157,7 @@ class _Lowering:
             case ops.ReadSamples():
                 return TorchLeaf(node.op, node.type.window is not None)
             case ops.Window(state):
-                # a window is two values joined: only the buffer's samples come from outside
+                # a window is a concatenation: only the buffer's samples are an argument
                 self._argument(TorchLeaf(ops.ReadState(state), False))
                 return None
             case _:
@@ -174,7 +176,7 @@ class _Lowering:
         name = f"{self._constants}_{self._constant_count}"
         self._constant_count += 1
         tensor = torch.tensor(values, dtype=self._dtype).reshape(shape)
-        # a buffer goes with the module to another device; weights files need not have it
+        # a buffer moves with the module to other devices; files of weights omit it
         self._root.register_buffer(name, tensor, persistent=False)
         return self._code.get_attr(name)
 
@@ -205,7 +207,7 @@ class _Lowering:
             case ops.Maximum():
                 return self._extremum(torch.gt, args[0], node.args[1])
             case ops.Clamp():
-                # torch.clamp has half the slope, or none, on the bound
+                # torch.clamp has half the derivative, or 0, on the bound
                 raised = self._extremum(torch.gt, args[0], node.args[1])
                 return self._extremum(torch.lt, raised, node.args[2])
             case ops.Compare(relation):
@@ -217,11 +219,11 @@ class _Lowering:
             case ops.Broadcast():
                 return broadcast(self._code, args[0], types[0].axes, node.type.axes, static[0])
             case ops.Reshape():
-                # the batch stays in front, whatever its length
+                # the batch stays the first axis
                 shape = node.type.shape if static[0] else (-1, *node.type.shape)
                 return self._call(torch.reshape, args[0], shape)
             case ops.Slice(axis, start, stop):
-                # counted from the end: with or without a batch axis it is the same
+                # counted from the end, which is independent of a batch axis
                 dim = node.type.position(axis) - len(node.type.axes)
                 return self._call(torch.narrow, args[0], dim, start, stop - start)
             case ops.Concat(axis):
@@ -235,8 +237,7 @@ class _Lowering:
                 buffer = self._leaves[TorchLeaf(ops.ReadState(state), False)]
                 newest = args[0]
                 if static[0]:
-                    # a value without a batch axis beside samples that have one: repeated, as cat
-                    # repeats nothing
+                    # torch.cat does not broadcast a value without a batch axis
                     newest = expand_static(self._code, newest, types[0], buffer)
                 newest = self._call(torch.unsqueeze, newest, -1)
                 return self._call(torch.cat, [buffer, newest], -1)
@@ -244,8 +245,8 @@ class _Lowering:
                 assert_never(node.op)
 
     def _extremum(self, wins: Callable[..., Any], first: fx.Node, other: NodeId) -> fx.Node:
-        # torch.minimum shares the slope of a tie between both operands; here the first has it all.
-        # The second is taken where it wins or is NaN; a NaN in the first is never beaten.
+        # torch.minimum splits the gradient of a tie between both operands; here the first gets it.
+        # The second is selected where it wins or is NaN; a NaN in the first stays.
         second = self._values[other]
         second_wins = self._call(wins, second, first)
         if not self._is_number(other):
@@ -253,7 +254,7 @@ class _Lowering:
         return self._call(torch.where, second_wins, second, first)
 
     def _is_number(self, index: NodeId) -> bool:
-        """Whether a value is known not to be NaN."""
+        """True if the value is known not to be NaN."""
         node = self._graph[index]
         while isinstance(node.op, ops.Broadcast | ops.Reshape):
             node = self._graph[node.args[0]]

@@ -1,4 +1,4 @@
-"""Makes a `torch.nn.Module` of a program: the step and start of the interpreter, with slopes."""
+"""Builds a `torch.nn.Module` of a program: a differentiable step and start."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ Windows = Callable[[str, int, int], Tensor]
 
 @dataclass(frozen=True, slots=True)
 class TorchStep:
-    """The values of one step, each with the batch first."""
+    """The values of one step; the batch is the first axis."""
 
     outputs: dict[str, Tensor]
     next_states: dict[str, Tensor]
     losses: dict[str, tuple[Tensor, Tensor | None]]
-    """Prediction and target of every loss term."""
+    """Prediction and target of every loss."""
     rows: dict[str, Tensor]
-    """The factors of rows of the losses that have some."""
+    """The row factors of losses that have them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Physical parameters, and what follows from them alone: computed once, used in every step."""
+    """Physical parameters and values that depend on them only; computed once for all steps."""
 
     physical: dict[str, Tensor]
     step: dict[NodeId, Tensor]
@@ -57,7 +57,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class _Loaded:
-    """The buffers with the raw variable and the physical value that were loaded last."""
+    """Names of the buffers with the raw variable and the physical value at the last load."""
 
     raw: str
     physical: str
@@ -66,23 +66,22 @@ class _Loaded:
 def build_module(
     program: Program, dtype: torch.dtype = torch.float64, device: str = "cpu"
 ) -> TorchModel:
-    """The program, in window or step form, as a module whose weights are `Parameter.initial`."""
+    """A module of the program, in window or step form, with the weights `Parameter.initial`."""
     return TorchModel(program, dtype, torch.device(device))
 
 
 class TorchModel(nn.Module):
     """A program in torch. Its parameters are raw variables; `physical()` gives physical values.
 
-    The map from raw to physical values rounds: an element whose raw variable is still the one that
-    was loaded has the value that was loaded, bit for bit, and the gradient of the map.
-
-    Logs are one tensor (rows, *shape) a signal, times `t` absolute rows (B,), states and outputs
-    (B, *shape).
+    The map from raw to physical values rounds. An element whose raw variable has not changed since
+    loading therefore returns the loaded value, bit for bit, with the gradient of the map. Logs are
+    one tensor (rows, *shape) per signal, times `t` absolute rows (B,), states and outputs (B,
+    *shape).
     """
 
     def __init__(self, program: Program, dtype: torch.dtype, device: torch.device) -> None:
         super().__init__()
-        # raw variables belong to the program as given: `prepared` adds nodes, never parameters
+        # raw variables belong to the given program: `prepared` adds no parameters
         self._given = program
         self.dtype, self.device = dtype, device
         self._loaded: dict[str, _Loaded] = {}
@@ -90,12 +89,12 @@ class TorchModel(nn.Module):
 
     @cached_property
     def program(self) -> Program:
-        """As torch runs it; its parameters are those of the program that was given."""
+        """The program as torch runs it; its parameters are those of the given program."""
         return prepared(self._given)
 
     @cached_property
     def _step(self) -> _Evaluator:
-        """Lowered when it is first run: what a kernel computes needs the variables alone."""
+        """Lowered at its first use, since training in a kernel needs only the variables."""
         roots = _step_roots(self.program)
         return _Evaluator(self.program.step, roots, self.dtype, self.device)
 
@@ -105,7 +104,7 @@ class TorchModel(nn.Module):
         return _Evaluator(self.program.start, roots, self.dtype, self.device)
 
     def _add_parameters(self) -> dict[str, str]:
-        # attributes of a module are its namespace: a parameter called `train` would hide the method
+        # parameters are attributes: one named `train` would hide the method
         taken = set(dir(self))
         names: dict[str, str] = {}
         for parameter in self._given.parameters:
@@ -114,7 +113,7 @@ class TorchModel(nn.Module):
             initial = np.asarray(parameter.initial, dtype=np.float64).reshape(shape)
             if parameter.learn:
                 raw, _ = raw_value(parameter, initial)
-                # optimisers move raw variables, every value of which is within the bounds
+                # optimisers change raw variables, all values of which are within the bounds
                 self.register_parameter(name, nn.Parameter(self._tensor(raw)))
                 if _rounds(parameter):
                     loaded = self._loaded[parameter.name] = _Loaded(
@@ -131,11 +130,13 @@ class TorchModel(nn.Module):
         return torch.tensor(value, dtype=self.dtype, device=self.device)
 
     def raw(self, name: str) -> Tensor:
-        """The variable behind a parameter: raw where it is learned, else its physical value."""
+        """The variable of a parameter: raw if it is learned, otherwise its physical value."""
         return getattr(self, self._names[name])
 
     def physical(self) -> dict[str, Tensor]:
-        """Physical values of all parameters by name, differentiable in the raw variables."""
+        """Physical values of all parameters by name, differentiable with respect to the raw
+        variables.
+        """
         return {
             p.name: self._physical(p) if p.learn else self.raw(p.name)
             for p in self._given.parameters
@@ -147,7 +148,7 @@ class TorchModel(nn.Module):
         if loaded is None:
             return mapped
         same = raw == self.get_buffer(loaded.raw)
-        # the difference is 0 and has the gradient of the map
+        # the added difference is 0 but has the gradient of the map
         return torch.where(
             same, self.get_buffer(loaded.physical) + (mapped - mapped.detach()), mapped
         )
@@ -157,11 +158,11 @@ class TorchModel(nn.Module):
     ) -> tuple[str, ...]:
         """Sets the named parameters; returns those of `moving` that were moved off a bound.
 
-        Elements of `moving` that were moved have the value of their raw variable; all others begin
-        at what is loaded.
+        Moved elements have the value of their raw variable; all others have exactly the loaded
+        value.
         """
         moved: list[str] = []
-        # loading is no operation that slopes go through
+        # loading is not differentiated
         with torch.no_grad():
             for name, value in weights.items():
                 parameter = self._given.parameter(name)
@@ -181,28 +182,30 @@ class TorchModel(nn.Module):
         return tuple(moved)
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values as float64 arrays, as weight files hold them."""
+        """Physical values as float64 arrays, as in weight files."""
         with torch.no_grad():
             return {
-                # a copy: the tensor goes on changing
+                # a copy, since the tensor changes later
                 name: value.detach().to("cpu", torch.float64).numpy().copy()
                 for name, value in self.physical().items()
             }
 
     def frame(self) -> Frame:
-        """The values that all steps of a batch share; make a new frame once parameters change."""
+        """The values that all steps of a batch share; compute a new frame after parameters
+        change.
+        """
         return self.frame_of(self.physical())
 
     def frame_of(self, physical: dict[str, Tensor]) -> Frame:
-        """The frame of physical values that are not those of the module."""
+        """The frame for other physical values than those of the module."""
         return Frame(physical, self._step.prepare(physical), self._start.prepare(physical))
 
     @contextmanager
     def constants_with_tangents(self, zero: Tensor) -> Generator[None]:
-        """Gives constants the tangents of a 0, for a forward mode that differentiates by others.
+        """Gives constants zero tangents, for forward mode.
 
-        Torch computes the shape of each missing tangent in Python, in every operation. Graphs with
-        something that can be infinite are left as they are (decision 0396).
+        Otherwise torch computes the shape of each missing tangent in Python, in every operation.
+        Graphs with possibly infinite values are not changed (decision 0396).
         """
         program = self.program
         constants = [
@@ -230,14 +233,14 @@ class TorchModel(nn.Module):
         return self.step_on(gathered(log, t), states, self.frame(), len(t))
 
     def start_on(self, windows: Windows, frame: Frame, batch: int) -> dict[str, Tensor]:
-        """`start` on windows that the caller cuts and a frame that it keeps."""
+        """`start` with windows and a frame from the caller."""
         values = self._start.run(windows, {}, frame.physical, frame.start, batch)
         return {state.name: value for state, value in zip(self.program.states, values, strict=True)}
 
     def step_on(
         self, windows: Windows, states: Mapping[str, Tensor], frame: Frame, batch: int
     ) -> TorchStep:
-        """`step` on windows that the caller cuts and a frame that it keeps."""
+        """`step` with windows and a frame from the caller."""
         values = iter(self._step.run(windows, states, frame.physical, frame.step, batch))
         outputs = {output.name: next(values) for output in self.program.outputs}
         next_states = {state.name: next(values) for state in self.program.states}
@@ -250,12 +253,12 @@ class TorchModel(nn.Module):
 
 
 def _rounds(parameter: Parameter) -> bool:
-    """Whether the physical value is computed from the raw variable, which is else the same."""
+    """True if the physical value is computed from the raw variable; otherwise they are equal."""
     return parameter.scale != 1.0 or mapping_of(parameter) is not RawMapping.LINEAR
 
 
 def gathered(log: Mapping[str, Tensor], t: Tensor) -> Windows:
-    """Windows cut from whole logs around the rows `t`."""
+    """Windows taken from whole logs around the rows `t`."""
 
     def windows(signal: str, first: int, last: int) -> Tensor:
         # rows of each member: (B, window), then the window last (R1)
@@ -277,14 +280,14 @@ def _step_roots(program: Program) -> list[NodeId]:
 
 
 class _Evaluator:
-    """Two pieces of torch code for a graph: what depends on parameters only, and the rest."""
+    """Two pieces of torch code for a graph: values of parameters only, and the rest."""
 
     def __init__(
         self, graph: Graph, roots: list[NodeId], dtype: torch.dtype, device: torch.device
     ) -> None:
         static = static_nodes(graph)
         used = {arg for index, node in graph if not static[index] for arg in node.args}
-        # what is static and used by what is not: the border between the two pieces
+        # static values that other nodes use: the interface of the two pieces
         self._shared = sorted(
             index
             for index in used | set(roots)
@@ -295,7 +298,7 @@ class _Evaluator:
         self.codes = [self._main] if self._before is None else [self._before, self._main]
         for code in self.codes:
             code.module.to(device)
-        # a static result is repeated for each member of the batch at last
+        # a static result is finally repeated along the batch
         self._shapes = [graph[root].type.shape if static[root] else None for root in roots]
 
     def prepare(self, physical: Mapping[str, Tensor]) -> dict[NodeId, Tensor]:

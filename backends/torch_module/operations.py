@@ -1,4 +1,4 @@
-"""Writes torch code of operations that take several calls: broadcast, contract, concat, sums."""
+"""Torch code of operations that need several calls: broadcast, contract, concat, sums."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ RELATIONS: dict[Relation, Callable[..., Any]] = {
 NATIVE_FUNCTIONS: frozenset[str] = frozenset(
     {name for name, row in SCALAR_FUNCTIONS.items() if row.torch} | {"softplus"}
 )
-"""Scalar functions that torch has; the others are expanded by their definition first."""
+"""Scalar functions that torch has; others are first expanded by their definition."""
 
 
 def scalar_function(code: fx.Graph, name: str, args: Sequence[fx.Node]) -> fx.Node:
-    """A row of the table of scalar functions applied to every element."""
-    if name == "softplus":  # log(exp(x) + exp(0)): exact tails, and slope 1/2 at 0
+    """Applies a scalar function of the table to every element."""
+    if name == "softplus":  # log(exp(x) + exp(0)): exact tails, and derivative 1/2 at 0
         zero = code.call_function(torch.zeros_like, (args[0],))
         return code.call_function(torch.logaddexp, (args[0], zero))
     value = code.call_function(getattr(torch, SCALAR_FUNCTIONS[name].torch), tuple(args))
@@ -40,7 +40,7 @@ def scalar_function(code: fx.Graph, name: str, args: Sequence[fx.Node]) -> fx.No
 def broadcast(
     code: fx.Graph, value: fx.Node, old: tuple[Axis, ...], new: tuple[Axis, ...], static: bool
 ) -> fx.Node:
-    """The value permuted to the order of the new axes and repeated along those it lacks."""
+    """The value, permuted to the order of the new axes and repeated along missing ones."""
     batch = 0 if static else 1
     names = [axis.name for axis in old]
     kept = [axis.name for axis in new if axis.name in names]
@@ -59,7 +59,7 @@ def _expanded(code: fx.Graph, value: fx.Node, shape: tuple[int, ...], batch: int
 
 
 def expand_static(code: fx.Graph, value: fx.Node, type: Type, batched: fx.Node) -> fx.Node:
-    """A tensor without batch axis repeated for every member of the batch of another one."""
+    """A tensor without batch axis, repeated along the batch of another tensor."""
     batch = code.call_method("size", (batched, 0))
     return code.call_method("expand", (value, batch, *type.shape))
 
@@ -71,8 +71,8 @@ def concat(
     static: Sequence[bool],
     dim: int,
 ) -> fx.Node:
-    """The operands one after the other along `dim`, counted from the end."""
-    # cat repeats nothing: a static operand among batched ones must be repeated
+    """Concatenates the operands along `dim`, counted from the end."""
+    # torch.cat does not broadcast: repeat static operands along the batch
     batched = next((arg for arg, fixed in zip(args, static, strict=True) if not fixed), None)
     if batched is not None:
         args = [
@@ -83,7 +83,7 @@ def concat(
 
 
 def sum_axis(code: fx.Graph, value: fx.Node, type: Type, axis: str) -> fx.Node:
-    """Σ over one axis; the batch axis, if any, stands before those of the type."""
+    """Σ over one axis; a batch axis comes before those of the type."""
     return code.call_function(torch.sum, (value, type.position(axis) - len(type.axes)))
 
 
@@ -95,10 +95,10 @@ def contract(
     axis: str,
     result: Type,
 ) -> fx.Node:
-    """Σ over one axis of the product of two operands, by the cheapest call that does it."""
+    """Σ over one axis of the product of two operands, by the cheapest call."""
     left, right = types
     flat = [len(type.axes) == 1 for type in types]
-    # a static vector on one side: a product with a matrix, however many axes the other one has
+    # a static vector on one side: a matrix product, for any axes of the other operand
     if flat[1] and static[1] and left.position(axis) == len(left.axes) - 1:
         return code.call_function(torch.matmul, (args[0], args[1]))
     if flat[0] and static[0] and right.position(axis) == len(right.axes) - 1:
@@ -115,7 +115,7 @@ def _formula(types: Sequence[Type], static: Sequence[bool], result: Type) -> str
     letters: dict[str, str] = {}
     for type in types:
         for axis in type.axes:
-            # einsum knows letters only: as many axes as there are letters beside the batch's
+            # einsum names axes by letters; `z` is the batch
             letters.setdefault(axis.name, "abcdefghijklmnopqrstuvwxy"[len(letters)])
     terms = [
         ("" if fixed else "z") + "".join(letters[axis.name] for axis in type.axes)

@@ -1,4 +1,4 @@
-"""Computes physical parameters from raw variables in torch, by `raw_parameters`' formulas."""
+"""Computes physical parameters from raw variables in torch, by the formulas of `raw_parameters`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from compiler.ir.program import Parameter
 
 
 def physical_value(parameter: Parameter, raw: Tensor) -> Tensor:
-    """The physical value that a raw variable stands for; differentiable, same shape."""
+    """The physical value of a raw variable; differentiable, same shape."""
     match parameter.minimum, parameter.maximum:
         case None, None:
             return raw * parameter.scale
@@ -18,7 +18,7 @@ def physical_value(parameter: Parameter, raw: Tensor) -> Tensor:
         case None, float(high):
             return high - parameter.scale * _softplus(-raw)
         case float(low), float(high):
-            # a sigmoid for each side: the slope of |raw| at 0 would be that of neither
+            # one sigmoid per side: |raw| would have the wrong derivative at 0
             span = high - low
             above, below = high - span * torch.sigmoid(-raw), low + span * torch.sigmoid(raw)
             return torch.where(raw > 0, above, below)
@@ -27,5 +27,5 @@ def physical_value(parameter: Parameter, raw: Tensor) -> Tensor:
 
 
 def _softplus(raw: Tensor) -> Tensor:
-    # torch's softplus is x itself above 20: its slope there would not be that of the kernels
+    # torch's softplus is x above 20, with another derivative than the kernels
     return torch.logaddexp(raw, torch.zeros_like(raw))

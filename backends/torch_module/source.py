@@ -1,4 +1,4 @@
-"""Writes a program as the source text of a torch module that needs nothing of msnn."""
+"""Writes a program as the source of a torch module that does not depend on msnn."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from compiler.ir.program import Graph, NodeId, Parameter, Program
 from compiler.ir.types import Axis
 from spec_schema.units.unit import Unit
 
-# What the generated file uses itself.
+# names that the generated file uses
 _OWN_NAMES = {"inputs", "state", "windows", "batch", "torch", "self", "load_weights"}
 STEP, START = "constant", "start_constant"
-"""What the constants of the two functions are called; the step reads inputs, the start windows."""
-# fx sets values to None that are used no more: noise in a file that people read
+"""Prefixes of constants of the two functions; the step reads inputs, the start windows."""
+# fx sets unused values to None, which makes the file hard to read
 _RELEASES = re.compile(r";  (?:\w+ = )+None$")
 
 
 def torch_source(program: Program, prefix: str, dtype: str) -> str:
-    """The text of `<prefix>.py` for a program in step form; the same bytes for the same program.
+    """The text of `<prefix>.py` for a program in step form; deterministic for the same program.
 
     Names and descriptions of the spec appear as text only, never as code.
     """
     program = prepared(program)
     interface = step_interface(program)
     names = _attribute_names(program)
-    # one list of roots for outputs and next states: both are split again by the number of outputs
+    # one list of roots, which is split again after the outputs
     outputs = [output.node for output in program.outputs]
     nexts = [state.next for state in program.states]
     step = _function(program.step, outputs + nexts, interface, names, STEP)
     start = _function(program.start, [s.start for s in program.states], interface, names, START)
-    # bounds of what is not learned hold anyway: only learned ones are written as parametrizations
+    # only learned parameters need parametrizations for their bounds
     learned = [p for p in program.parameters if p.learn]
     return (
         text_templates("torch", strips=True)
@@ -84,7 +84,7 @@ class _Function:
     lines: list[str]
     results: list[str]
     needs_batch: bool
-    """Whether a result has no batch of its own and is repeated for each member."""
+    """True if a result has no batch axis and is repeated along it."""
     constants: list[tuple[str, str]]
 
 
@@ -95,7 +95,7 @@ def _function(
     names: dict[str, str],
     constants: str,
 ) -> _Function:
-    # in double: constants are written with all their digits, whatever the module computes in
+    # in double, so that constants are written with all digits
     lowered = lower_graph(graph, roots, torch.float64, identify=_argument_name, constants=constants)
     arguments = lowered.module.graph.find_nodes(op="placeholder")
     lines = [
@@ -124,13 +124,13 @@ def _results(value: Any) -> tuple[Any, ...]:
 
 
 def _body(lowered: LoweredGraph) -> list[str]:
-    """The statements that fx prints, each with the equation and the spec's line it comes from."""
+    """The statements that fx prints, each with its equation and line of the spec."""
     code = lowered.module.graph.python_code("self").src
     lines: list[str] = []
     for line in code.splitlines():
         statement = _RELEASES.sub("", line.strip())
         name, equals, _ = statement.partition(" = ")
-        # the signature and `return` are the template's: only statements that make a value are kept
+        # the template has the signature and `return`: keep only assignments
         if not equals or not name.isidentifier():
             continue
         origin = lowered.origins.get(name)
@@ -144,7 +144,7 @@ def _body(lowered: LoweredGraph) -> list[str]:
 def _argument_name(leaf: TorchLeaf) -> str:
     match leaf.source:
         case ReadParameter(name) | ReadState(name) | ReadSignal(name) | ReadLog(name):
-            # a set of its own for each: fx numbers names that are alike by itself
+            # a new set for each: fx itself numbers equal names
             return c_identifier(name, {*_OWN_NAMES})
         case _:
             raise AssertionError("an exported step is one piece")
@@ -153,7 +153,7 @@ def _argument_name(leaf: TorchLeaf) -> str:
 def _source(
     leaf: TorchLeaf, interface: StepInterface, names: dict[str, str], constants: str
 ) -> str:
-    """The source of an argument in the generated class."""
+    """The expression of an argument in the generated class."""
     match leaf.source:
         case ReadParameter(name):
             return f"self.{names[name]}"
@@ -171,13 +171,13 @@ def _source(
 
 def _window(leaf: TorchLeaf, name: str, first: int, last: int, interface: StepInterface) -> str:
     whole = next(port for port in interface.start_windows if port.signal.name == name)
-    # `windows` has every sample that some state reads of the signal: counted from its oldest
+    # `windows` has all samples that any state reads; indices start at the oldest
     start, stop = first - whole.first, last - whole.first + 1
     return f"windows[{name!r}][..., {f'{start}:{stop}' if leaf.windowed else start}]"
 
 
 def _attribute_names(program: Program) -> dict[str, str]:
-    # names that torch.nn.Module has itself would be overwritten
+    # attributes of torch.nn.Module must not be overwritten
     taken = {*dir(torch.nn.Module()), *_OWN_NAMES, "parametrizations", "parameter_names"}
     return {p.name: c_identifier(p.name, taken) for p in program.parameters}
 
@@ -194,12 +194,12 @@ def _parameter(parameter: Parameter, names: dict[str, str]) -> dict[str, Any]:
 
 
 def _bounds(parameter: Parameter) -> str:
-    """The parametrization that keeps a parameter inside its bounds, empty for none."""
+    """The parametrization that keeps a parameter within its bounds; empty without bounds."""
     match parameter.minimum, parameter.maximum:
         case None, None:
             return ""
         case low, None:
-            # shortest text that reads back alike: the bound in the file has the bits of the spec
+            # repr() restores the exact bits of the bound
             return f"Above({low!r}, {parameter.scale!r})"
         case None, high:
             return f"Below({high!r}, {parameter.scale!r})"
@@ -208,7 +208,7 @@ def _bounds(parameter: Parameter) -> str:
 
 
 def _port_lines(program: Program, interface: StepInterface) -> list[tuple[str, list[str]]]:
-    """Headings and lines of the class's description."""
+    """Headings and lines of the class's docstring."""
     outputs = [(o.name, program.step[o.node].type, o.doc) for o in program.outputs]
     return [
         ("Inputs", [_port_line(port) for port in interface.inputs]),
@@ -238,18 +238,18 @@ def _line(
 
 
 def _array_text(values: list[float], shape: tuple[int, ...]) -> str:
-    # repr() of ∞ and NaN are no Python
+    # repr() of ∞ and NaN is not valid Python
     numbers = [repr(v) if math.isfinite(v) else f'float("{v}")' for v in values]
     return f"array({', '.join(['[' + ', '.join(numbers) + ']', *map(str, shape)])})"
 
 
 def _quoted(text: str) -> str:
-    """Text of a spec as it may stand between triple quotes: one line that ends nothing."""
-    # text of a spec in a docstring must not end it, nor begin an escape
+    """Text of a spec for use inside triple quotes: one line, escaped."""
+    # the text must not end the docstring or start an escape sequence
     plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return plain.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def _comment(text: str) -> str:
-    # a line break in a name would end the comment and begin code
+    # a line break in a name would end the comment and start code
     return "".join(c if c.isprintable() else "_" for c in text)[:60]

@@ -1,4 +1,4 @@
-"""Makes a `torch.nn.Module` of a step-form program: inputs and state to outputs and state."""
+"""Builds a `torch.nn.Module` of a step-form program: (inputs, state) → (outputs, state)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from compiler.ir.program import Program
 
 
 class StepModule(nn.Module):
-    """One step of a model, in the memory of this process; what an exported module does.
+    """One step of a model in this process; it behaves like an exported module.
 
         state = module.initial_state(windows)
         outputs, state = module(inputs, state)
 
     The first axis of every tensor is the batch; a window has its oldest sample first. Ports are
     physical, in the units of the spec. Learned parameters are `parameters()`, in a form that keeps
-    them inside their bounds; `weights()` has their physical values.
+    them within their bounds; `weights()` returns their physical values.
     """
 
     def __init__(self, program: Program, dtype: torch.dtype, device: str = "cpu") -> None:
@@ -33,19 +33,19 @@ class StepModule(nn.Module):
     def forward(
         self, inputs: Mapping[str, Tensor], state: Mapping[str, Tensor]
     ) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
-        """Outputs of this step, and the state of the next."""
+        """Returns the outputs of this step and the next state."""
         batch = self._batch({**inputs, **state})
         found = self.model.step_on(_cut(inputs, self._inputs), state, self.model.frame(), batch)
         return found.outputs, found.next_states
 
     def initial_state(self, windows: Mapping[str, Tensor] | None = None) -> dict[str, Tensor]:
-        """The state before the first step, from the record around it."""
+        """The state before the first step, from recorded samples around it."""
         windows = windows or {}
         frame, batch = self.model.frame(), self._batch(windows)
         return self.model.start_on(_cut(windows, self._windows), frame, batch)
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values by name, as every function that takes weights takes them."""
+        """Physical values by name, as other functions expect weights."""
         return self.model.weights()
 
     @staticmethod
@@ -54,7 +54,7 @@ class StepModule(nn.Module):
 
 
 def _cut(given: Mapping[str, Tensor], ports: Mapping[str, Port]) -> Windows:
-    """Windows of ports, whose tensors have a last axis for time only where they have several."""
+    """Windows of ports; tensors have a time axis only if the port has several samples."""
 
     def windows(signal: str, first: int, last: int) -> Tensor:
         port, value = ports[signal], given[signal]

@@ -1,4 +1,4 @@
-"""Says where constants may have a tangent of 0 in forward mode: 0 · ∞ and 0 / 0 are no numbers."""
+"""Decides if constants may have zero tangents in forward mode, as 0 · ∞ and 0 / 0 are NaN."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from compiler.ir import ops
 from compiler.ir.program import Graph
 
 _FINITE = frozenset({"sin", "cos", "atan", "tanh", "sigmoid", "softplus", "abs", "sign"})
-"""Functions that are finite, with finite slopes, at every number."""
+"""Functions that are finite, with finite derivatives, everywhere."""
 
 
 def stays_finite(graph: Graph) -> bool:
-    """Whether finite leaves make all values and slopes finite, but for what overflows.
+    """True if finite inputs give finite values and derivatives, except for overflow.
 
-    A divisor of parameters alone that is 0 makes the model itself infinite.
+    A divisor that depends on parameters only does not count: at 0 the model itself is infinite.
     """
     static = static_nodes(graph)
     for _, node in graph:

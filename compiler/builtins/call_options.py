@@ -1,4 +1,4 @@
-"""Reads the keywords of a builtin's call, and follows arguments to what they mean."""
+"""Reads keywords of calls of builtins, and resolves arguments of inlined functions."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from spec_schema.expressions.tree import Call, Expression, Name
 
 
 def option(call: Call, name: str) -> Expression | None:
-    """The value of a keyword, None where it is not given."""
+    """The value of a keyword, or None."""
     return next((keyword.value for keyword in call.keywords if keyword.name == name), None)
 
 
 def method_of(context: Context, call: Call, methods: tuple[str, ...]) -> str:
-    """The word after `method=`, the first one without it."""
+    """The value of `method=`; the first method by default. Reports an unknown method."""
     given = option(call, "method")
     if given is None:
         return methods[0]
@@ -29,7 +29,7 @@ def method_of(context: Context, call: Call, methods: tuple[str, ...]) -> str:
 
 
 def resolved(expression: Expression, environment: Environment) -> tuple[Expression, Environment]:
-    """The expression that an argument of an inlined function stands for, at the outermost call."""
+    """The expression behind an argument of an inlined function, and its environment."""
     while isinstance(expression, Name) and expression.name in environment.arguments:
         argument = environment.arguments[expression.name]
         environment = argument.environment.at_time_of(environment)

@@ -1,4 +1,4 @@
-"""Expands `der(e)`, the derivative with respect to time, into differences of samples (R8)."""
+"""Lowers `der(e)`, the time derivative, to difference quotients of samples (R8)."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _METHODS = ("backward", "trapezoidal", "central", "forward")
 
 
 def lower_derivative(context: Context, call: Call, environment: Environment) -> NodeId:
-    """The right-hand side of a continuous state, else a difference quotient.
+    """The right-hand side of a continuous state; for other expressions a difference quotient.
 
-    backward: (e[t] − e[t−1]) / dt. central: (e[t+1] − e[t−1]) / (2 dt). forward: (e[t+1] − e[t])
-    / dt. trapezoidal: d[t] = 2 (e[t] − e[t−1]) / dt − d[t−1] with d[t0−1] = 0.
+    backward: (e[t] − e[t−1]) / dt. central: (e[t+1] − e[t−1]) / (2 dt). forward: (e[t+1] − e[t]) /
+    dt. trapezoidal: d[t] = 2 (e[t] − e[t−1]) / dt − d[t−1] with d[t0−1] = 0.
     """
     method = method_of(context, call, _METHODS)
     argument, there = resolved(call.arguments[0], environment)
@@ -39,8 +39,7 @@ def lower_derivative(context: Context, call: Call, environment: Environment) -> 
         return context.names.derivative(argument.name, state, call.span, there)
     seconds = context.sampling.required("`der`", call.span)
     if environment.stage is not None:
-        # inside a step there is no sample before: the quotient of the samples is held over the
-        # stages
+        # integrator stages have no previous sample: the quotient is constant over the stages
         environment = in_the_step(context, call, environment)
     builder = context.builder(environment)
     dt = builder.constant(seconds, unit=_SECOND)
@@ -65,9 +64,12 @@ def lower_derivative(context: Context, call: Call, environment: Environment) -> 
 
 
 def _trapezoidal(context: Context, call: Call, environment: Environment, seconds: float) -> NodeId:
-    """The inverse of the trapezoidal integral: a disturbance at t0 rings for ever, ±, undamped."""
+    """The inverse of the trapezoidal integral.
+
+    A disturbance at t0 oscillates for ever, undamped.
+    """
     start = context.builder(START)
-    # d[t0−1] = 0 by definition: nothing before the start is needed
+    # d[t0−1] = 0 by definition
     if environment.part is EnvironmentPart.START and environment.time == (-1, None):
         return start.constant(0.0, unit=None)
     is_last = environment.time == (-1, None)
@@ -88,7 +90,7 @@ def _trapezoidal(context: Context, call: Call, environment: Environment, seconds
 
 
 def _logged(context: Context, call: Call, environment: Environment, method: str) -> NodeId:
-    """The argument ahead of t; LoweringFailed where it reads anything but the log."""
+    """The argument at a sample after t. Raises LoweringFailed unless it depends on the log only."""
     argument = call.arguments[0]
     node = context.names.tried(lambda: lower(context, argument, environment))
     if node is None:

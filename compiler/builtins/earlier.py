@@ -1,4 +1,4 @@
-"""Finds the value that an expression had one sample ago, whatever it depends on (R5, R8)."""
+"""Computes the value that an expression had one sample ago (R5, R8)."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from spec_schema.expressions.tree import Call
 
 
 def earlier(context: Context, call: Call, environment: Environment) -> NodeId:
-    """The argument of a call at t−1; where nothing says what it was before t0, its value at t0.
+    """The argument of a call at t−1. If its value before t0 is unknown, that at t0 is used instead.
 
-    Its signals are read a sample earlier wherever that can be. What depends on a simulation whose
-    past is not known is remembered instead.
+    Signals are read one sample earlier where possible. A value that depends on a simulation with
+    unknown past is stored in a state.
     """
     argument = call.arguments[0]
     before = environment.shifted(-1)
     if environment.part is EnvironmentPart.START or environment.latest > 0:
-        lower(context, argument, environment)  # a mistake in it is one at t, not one of its past
+        lower(context, argument, environment)  # reports mistakes at time t first
         return lower(context, argument, before)
-    # tried in the start: where it can be lowered there, its past is known from the log
+    # if it can be lowered in the start graph, its past is known from the log
     known = context.names.tried(lambda: lower(context, argument, before.at_start()))
     if known is not None:
         return lower(context, argument, before)
@@ -33,7 +33,7 @@ def earlier(context: Context, call: Call, environment: Environment) -> NodeId:
 
 
 def in_the_step(context: Context, call: Call, environment: Environment) -> Environment:
-    """The environment of a call that keeps memory: at t, and held over a vector field (R6)."""
+    """The environment of a call with memory: at t, constant over integrator stages (R6)."""
     function = call.function
     name = expression_text(function)
     if environment.part is EnvironmentPart.START or environment.part is EnvironmentPart.CONSTANT:
@@ -51,7 +51,7 @@ def in_the_step(context: Context, call: Call, environment: Environment) -> Envir
 
 
 def one_sample(context: Context, call: Call, environment: Environment) -> NodeId:
-    """The argument of a call that keeps memory; LoweringFailed where it is a window."""
+    """The argument of a call with memory. Raises LoweringFailed if it is a window."""
     argument = call.arguments[0]
     node = lower(context, argument, environment)
     if context.builder(environment).type(node).window is not None:
@@ -71,7 +71,7 @@ def keep(
     *,
     starts_fresh_each_run: bool = False,
 ) -> None:
-    """Makes the state that a call keeps; `start` is a node of the start graph."""
+    """Adds the state of a call; `start` is a node of the start graph."""
     type = context.builder(environment).type(following)
     doc = f"memory of {expression_text(call)}"
     context.memories.keep(
@@ -90,13 +90,13 @@ def keep(
 
 
 def _remembered(context: Context, call: Call, environment: Environment) -> NodeId:
-    """The value of the last step; at t0, as a state that is 1 there tells, the one of this step."""
+    """The value of the previous step, from a state; in the first step, the value of this step."""
     environment = in_the_step(context, call, environment)
     now = one_sample(context, call, environment)
     builder, start = context.builder(environment), context.builder(START)
     type = builder.type(now)
     name = context.memories.name("previous", (now,))
-    # never chosen: the first step takes its own value
+    # never used: the first step selects its own value
     zero = start.broadcast(start.constant(0.0, unit=type.unit), type.axes)
     keep(context, call, name, now, zero, environment, starts_fresh_each_run=True)
     first = context.memories.name("first_step", ())

@@ -1,4 +1,4 @@
-"""Expands `grad(y, x)`, the gradient of a value within one sample, into operations (R8)."""
+"""Lowers `grad(y, x)`, the gradient of a value within one sample (R8)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from spec_schema.sections.values import Parameter
 
 @dataclass(frozen=True)
 class _Read:
-    """A node that has the samples t+first … t+last of x."""
+    """A node that contains the samples t+first … t+last of x."""
 
     node: NodeId
     first: int
@@ -34,8 +34,8 @@ class _Read:
 def lower_gradient(context: Context, call: Call, environment: Environment) -> NodeId:
     """Σ ∂y/∂x[t] over all elements of y, with the axes of x.
 
-    Whatever y computes from x[t] counts, through equations, layers, windows and gradients. The
-    past, in states and buffers, is taken as given.
+    All dependencies of y on x[t] count: through equations, layers, windows and gradients. Past
+    values in states and buffers count as constant.
     """
     if environment.part is EnvironmentPart.CONSTANT:
         context.findings.report(names.misplaced("grad", environment.part.value, call.function.span))
@@ -45,7 +45,7 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
     builder = context.builder(environment)
     whole, reads = _reads(context, x_argument, environment)
     used = context.gradients.made_of(builder, y)
-    # a read that shares no sample with x as it is asked for has no part in this gradient
+    # reads without a sample in common with x do not contribute
     overlapping = [
         read
         for read in reads
@@ -57,14 +57,14 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
             calculus.gradient_of_unrelated(text, x_argument.span, y_argument.span)
         )
         raise LoweringFailed
-    from compiler.differentiation.gradient_nodes import gradient_nodes  # few specs ask for slopes
+    from compiler.differentiation.gradient_nodes import gradient_nodes  # few specs use gradients
 
     parts: list[NodeId] = []
     slopes = gradient_nodes(builder, y, [read.node for read in overlapping])
     for read, slope in zip(overlapping, slopes, strict=True):
         if slope is not None:
             parts.append(_placed(builder, slope, read, whole))
-    # no slope at all: y depends on x by comparisons alone
+    # no gradient: y depends on x only through comparisons
     result = parts[0] if parts else _zero(builder, y, whole.node)
     for part in parts[1:]:
         result = builder.add(result, part)
@@ -75,9 +75,9 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
 def _reads(
     context: Context, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
-    """x as it is asked for, and every node that has some of its samples."""
+    """x as requested, and all nodes that contain some of its samples."""
     named, there = resolved(expression, environment)
-    # of a window: the operand may be an argument that stands for another expression
+    # the operand of a window may be a function argument
     operand = named.operand if isinstance(named, Window | Past | Future) else named
     operand, _ = resolved(operand, there)
     entry = None
@@ -112,9 +112,10 @@ def _of_signal(
     environment: Environment,
     moving: NodeId | None = None,
 ) -> tuple[_Read, list[_Read]]:
-    """A signal, or a window of one: every read of it, of the log too where x is the log.
+    """A signal or a window of one: all reads of it; reads of the log if x is the log.
 
-    Where x is an input that moves, that alone: samples in windows do not move with it.
+    For an input that is interpolated between samples (`moving`), only that value: windows contain
+    samples, which do not depend on it.
     """
     node = lower(context, expression, environment)
     builder = context.builder(environment)
@@ -125,12 +126,12 @@ def _of_signal(
     assert isinstance(op, ReadSamples)
     whole = _Read(node, op.first, op.last)
     reads: list[_Read] = []
-    # the graph also has reads that were lowered for other values; `made_of` leaves them out above
+    # includes reads of other values; `made_of` excludes them above
     for index, other in builder.graph():
         if isinstance(other.op, ReadSamples) and other.op.signal == op.signal:
             read = _Read(index, other.op.first, other.op.last)
-            # at one t every window that holds x[t] counts; over a window each sample of y has the x
-            # of its own
+            # for a single t every window with x[t] counts; over a window each sample of y has its
+            # own x
             if environment.window is None or other.op in _alike(op):
                 reads.append(read)
     return whole, reads
@@ -144,7 +145,7 @@ def _alike(op: ReadSignal | ReadLog) -> tuple[ReadSignal, ReadLog]:
 def _of_value(
     context: Context, name: str, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
-    """A state or an equation: its node, and the windows of it that are evaluated anew."""
+    """A state or an equation: its node, and the windows in which it is evaluated again."""
     node = lower(context, expression, environment)
     builder = context.builder(environment)
     first, last = environment.window or (0, 0)
@@ -158,7 +159,7 @@ def _of_value(
 
 
 def _placed(builder: GraphBuilder, slope: NodeId, read: _Read, whole: _Read) -> NodeId:
-    """The slope in the samples of a read, at its place among those of x."""
+    """The gradient with respect to the samples of a read, placed among the samples of x."""
     first, last = max(read.first, whole.first), min(read.last, whole.last)
     axes = builder.type(whole.node).axes
     if builder.type(slope).window is not None:
@@ -167,7 +168,7 @@ def _placed(builder: GraphBuilder, slope: NodeId, read: _Read, whole: _Read) -> 
         return builder.reshape(slope, axes)
     one = tuple(axis for axis in axes if axis.name != WINDOW)
     slope = builder.reshape(slope, (*one, Axis(WINDOW, last - first + 1)))
-    # y does not read the rest of the window asked for: its slope there is 0
+    # y does not read the rest of the window: its gradient there is 0
     zero = builder.constant(0.0, unit=builder.type(slope).unit)
     parts: list[NodeId] = []
     if first > whole.first:
@@ -179,6 +180,6 @@ def _placed(builder: GraphBuilder, slope: NodeId, read: _Read, whole: _Read) -> 
 
 
 def _zero(builder: GraphBuilder, y: NodeId, x: NodeId) -> NodeId:
-    """The gradient of what x moves in steps only."""
+    """The zero gradient of a y that is piecewise constant in x."""
     unit = quotient_unit(builder.type(y).unit, builder.type(x).unit)
     return builder.broadcast(builder.constant(0.0, unit=unit), builder.type(x).axes)

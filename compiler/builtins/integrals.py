@@ -1,4 +1,4 @@
-"""Expands `integral(e)`, the sum over time since the start of a run, kept in a state (R8)."""
+"""Lowers `integral(e)`, the time integral since the start of a run, with a state (R8)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def lower_integral(context: Context, call: Call, environment: Environment) -> No
     """I[t] = I[t−1] + dt·e[t], or I[t−1] + dt/2·(e[t] + e[t−1]); I[t0−1] is `init=`, else 0."""
     method = method_of(context, call, _METHODS)
     if environment.part is EnvironmentPart.START and environment.time == (-1, None):
-        # I[t0−1] is the start itself: nothing has been summed by then
+        # I[t0−1] is the initial value
         return _start(context, call, None)
     is_last = environment.time == (-1, None)
     now = in_the_step(context, call, environment.shifted(1) if is_last else environment)
@@ -34,7 +34,7 @@ def lower_integral(context: Context, call: Call, environment: Environment) -> No
     start = _start(context, call, type)
     if option(call, "init") is not None:
         begins = context.builder(START).type(start).unit
-        # an integrand without unit takes that of `init=`; K/s from 20 degC on is in degC
+        # without a unit of the integrand the unit is that of `init=`; K/s from 20 degC is in degC
         if unit is None or (
             begins is not None and begins.offset != 0.0 and same_unit(unit, begins.difference)
         ):
@@ -61,7 +61,7 @@ def _seconds(context: Context, call: Call, environment: Environment, share: floa
 
 
 def _start(context: Context, call: Call, type: Type | None) -> NodeId:
-    """The node of I[t0−1] in the start graph, with the axes of the type where that is known."""
+    """The node of I[t0−1] in the start graph, with the axes of `type` if given."""
     builder = context.builder(START)
     init = option(call, "init")
     if init is None:

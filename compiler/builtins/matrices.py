@@ -1,4 +1,4 @@
-"""Builtin functions of whole axes: softmax, outer products, the identity, a smooth sign."""
+"""Lowers builtins on whole axes: softmax, outer products, identity matrices, a smooth sign."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from spec_schema.expressions.tree import Call, Name
 
 
 def lower_softmax(context: Context, call: Call, environment: Environment) -> NodeId:
-    """exp(xᵢ − m) / Σⱼ exp(xⱼ − m), m the largest x: no exponential overflows.
+    """exp(xᵢ − m) / Σⱼ exp(xⱼ − m) with m = max x, so that no exponential overflows.
 
-    Over the axis that `over=` names, else the last one besides the window.
+    The axis is the one that `over=` names, otherwise the last axis other than the window.
     """
     builder = context.builder(environment)
     argument = call.arguments[0]
@@ -33,7 +33,7 @@ def lower_softmax(context: Context, call: Call, environment: Environment) -> Nod
 
 
 def lower_outer(context: Context, call: Call, environment: Environment) -> NodeId:
-    """aᵢ · bⱼ for all i and j: nothing is aligned, so the two must not share an axis."""
+    """aᵢ · bⱼ for all i and j. Reports a common axis of a and b."""
     builder = context.builder(environment)
     left, right = lower_all(context, call.arguments, environment)
     left_axes, right_axes = builder.type(left).axes, builder.type(right).axes
@@ -49,7 +49,7 @@ def lower_outer(context: Context, call: Call, environment: Environment) -> NodeI
 
 
 def lower_smooth_sign(context: Context, call: Call, environment: Environment) -> NodeId:
-    """tanh(x / width); without a width that of x itself."""
+    """tanh(x / width), or tanh(x) without a width."""
     builder = context.builder(environment)
     nodes = lower_operands(context, call.arguments, environment)
     operands = zip(call.arguments, nodes, strict=True)
@@ -59,7 +59,7 @@ def lower_smooth_sign(context: Context, call: Call, environment: Environment) ->
 
 
 def lower_eye(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`eye(a, b)`: 1 where the elements of two dims of one length have the same number, else 0."""
+    """`eye(a, b)`: the identity matrix over two dims of equal length."""
     axes: list[Axis] = []
     for argument in call.arguments:
         if not isinstance(argument, Name):
@@ -103,9 +103,9 @@ def _softmax_axis(context: Context, call: Call, axes: tuple[Axis, ...]) -> Axis:
 
 
 def largest_along(builder: GraphBuilder, node: NodeId, axis: Axis) -> NodeId:
-    """The largest element along an axis, repeated along it; halves are compared, then quarters."""
+    """The maximum along an axis, repeated along it, by log₂ n pairwise maxima of halves."""
     axes, size, found = builder.type(node).axes, axis.size, node
-    # log₂ n operations on halves, where element by element there would be n
+    # log₂ n operations instead of n
     while size > 1:
         half = size // 2
         first = builder.slice(found, axis.name, 0, half)

@@ -1,4 +1,4 @@
-"""`linspace`, `arange`, `zeros`, `ones`: lists of numbers that the compiler makes."""
+"""Lowers `linspace`, `arange`, `zeros`, `ones` to constants."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONGEST_LIST = 100_000
 
 
 def number_list(name: str) -> Callable[[Context, Call, Environment], NodeId]:
-    """The lowering of the builtin of that name: a list of numbers along an unnamed axis."""
+    """The lowering of the builtin of that name, to a constant along an unnamed axis."""
 
     def lower_numbers(context: Context, call: Call, environment: Environment) -> NodeId:
         given = [number(context, each, f"an argument of `{name}`") for each in call.arguments]
@@ -32,7 +32,7 @@ def number_list(name: str) -> Callable[[Context, Call, Environment], NodeId]:
                 names.unfit_constant(f"`{name}`", f"would have {count} elements", call.span)
             )
             raise LoweringFailed
-        # from -1e308 to 1e308 is farther than a number can be
+        # a range from -1e308 to 1e308 overflows
         with np.errstate(all="ignore"):
             match name:
                 case "linspace":

@@ -1,4 +1,4 @@
-"""Sums and means over all axes of a value, or over some by name (R3)."""
+"""Lowers sums and means over all axes of a value, or over named ones (R3)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spec_schema.expressions.tree import Call, ListLiteral, Name
 
 
 def lower_sum(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`sum(x)` of everything, or over the axes of `over=`."""
+    """`sum(x)` over all axes, or over those of `over=`."""
     builder = context.builder(environment)
     node = lower(context, call.arguments[0], environment)
     axes = builder.type(node).axes
@@ -25,7 +25,7 @@ def lower_sum(context: Context, call: Call, environment: Environment) -> NodeId:
 
 
 def lower_mean(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`mean(x)` of everything, or over the axes of `over=`."""
+    """`mean(x)` over all axes, or over those of `over=`."""
     builder = context.builder(environment)
     node = lower(context, call.arguments[0], environment)
     axes = builder.type(node).axes
@@ -58,7 +58,7 @@ def _reduced_axes(
 
 
 def reduce_axes(builder: GraphBuilder, node: NodeId, removed: list[str]) -> NodeId:
-    """Sum over several axes, the last one first, so that neighbours in memory are added first."""
+    """Sums over several axes, the last one first: neighbours in memory are added first."""
     for axis in reversed(builder.type(node).axes):
         if axis.name in removed:
             node = builder.sum(node, axis.name)

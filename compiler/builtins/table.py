@@ -1,4 +1,4 @@
-"""Lists what becomes of each builtin: scalar functions, reductions, lists, selection."""
+"""Maps each builtin to its lowering: scalar functions, reductions, lists, selection."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Name
 
 _LONGEST_SHOWN = 60
-"""Characters of a user's formula that a help line repeats."""
+"""Maximum number of characters of a user's formula that a help line repeats."""
 
 Lower = Callable[[Context, Call, Environment], NodeId]
 
 
 def lower_builtin(context: Context, name: str, call: Call, environment: Environment) -> NodeId:
-    """The node of a call of a builtin, after its arguments are counted and its keywords known."""
+    """The node of a call of a builtin. Reports a wrong number of arguments or unknown keywords."""
     signature = SIGNATURES[name]
     for keyword in call.keywords:
         if keyword.name not in signature.keywords:
@@ -78,15 +78,15 @@ def _warn_of_twin_axes(
 
 
 def _relu(builder: GraphBuilder, x: NodeId) -> NodeId:
-    # The constant stands first: a tie takes its slope, so relu'(0) = 0.
+    # the constant is the first operand: a tie uses its derivative, so relu'(0) = 0
     return builder.maximum(builder.constant(0.0), x)
 
 
 def _elu(builder: GraphBuilder, x: NodeId) -> NodeId:
     zero = builder.constant(0.0)
-    # The argument of exp is never positive, so that the branch not taken cannot overflow.
+    # the argument of exp is never positive, so that the other branch cannot overflow
     fallen = builder.minimum(x, zero)
-    # Of an argument with a unit it is elu of its number, in that unit: exp(x / unit) · unit.
+    # an argument with a unit is used as a number in that unit: exp(x / unit) · unit
     unit = builder.type(x).unit
     grown = builder.emit(Apply("exp"), (fallen,), builder.type(fallen).with_unit(unit))
     negative = builder.subtract(grown, builder.constant(1.0, unit=distance_unit(unit)))
@@ -263,4 +263,4 @@ LOWERINGS: dict[str, Lower] = {name: _scalar(name) for name in SCALAR_FUNCTIONS}
     "zeros": number_list("zeros"),
     "ones": number_list("ones"),
 }
-"""What each name of `SIGNATURES` is lowered by; a test holds both equal."""
+"""The lowering of each name of `SIGNATURES`; a test checks that both are complete."""

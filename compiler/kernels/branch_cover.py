@@ -1,4 +1,4 @@
-"""Chooses arguments for which a kernel takes each of its branches both ways."""
+"""Chooses test arguments for which a kernel takes both sides of each branch."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ Array = NDArray[Any]
 
 @cache
 def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
-    """Few arguments of a kernel that together see all outcomes that any candidate sees.
+    """A small set of arguments that together reach all outcomes that any candidate reaches.
 
-    Candidates lie at, below and above every number that the kernel compares with, all over the
-    exponents, and beyond the numbers.
+    Candidates are at, below and above every constant of a comparison, across all exponents, and
+    infinity and NaN.
     """
     traced = routine(name, real)
     candidates = _candidates(traced)
     points = np.array(list(product(candidates, repeat=len(traced.parameters))), candidates.dtype)
     outcomes = _outcomes(traced, points)
     chosen: list[int] = []
-    # greedy set cover: the next point is the one that sees most of the outcomes still unseen
+    # greedy set cover: the next point reaches most of the remaining outcomes
     while outcomes.shape[0]:
-        # of equal ones the first, which is why plain numbers come first
+        # the first of equal ones, so that simple numbers are preferred
         best = int(np.argmax(outcomes.sum(axis=0)))
         chosen.append(best)
         outcomes = outcomes[~outcomes[:, best]]
@@ -51,11 +51,11 @@ def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
 
 
 _BESIDES = {"pow": ((-math.inf, 1.5),)}
-"""C moves the choice of pow's sign into a branch; this is one more outcome there."""
+"""The C code moves the selection of pow's sign into a branch, which adds an outcome."""
 
 
 def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
-    """One row for each outcome that is reached: by which points."""
+    """One row per reached outcome, with a mask of the points that reach it."""
     reached: dict[Outcome, NDArray[np.bool_]] = {}
 
     def note(outcome: Outcome, elements: NDArray[np.bool_]) -> None:
@@ -68,7 +68,7 @@ def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
 
 
 def _candidates(traced: Routine) -> Array:
-    """Plain numbers first: they are chosen where others do no better."""
+    """The candidate arguments; simple numbers come first, so that ties select them."""
     dtype = traced.format.dtype
     limits = np.finfo(dtype)
     compared = np.array(sorted(set(_compared(traced.body))), dtype)
@@ -89,7 +89,7 @@ def _candidates(traced: Routine) -> Array:
 
 
 def _compared(block: Block) -> Iterator[float]:
-    """The real numbers that stand in comparisons."""
+    """The real constants in comparisons."""
     for statement in block.statements:
         match statement:
             case Assign(target, Binary() as operation) if target.kind is ValueKind.TRUTH:

@@ -15,14 +15,14 @@ from compiler.kernels.trace.subroutine import trace
 
 
 def evaluate(name: str, *arrays: NDArray[Any]) -> NDArray[Any]:
-    """The kernel on arrays of one dtype, float32 or float64, broadcast together.
+    """Evaluates the kernel on arrays of one dtype, float32 or float64, broadcast together.
 
-    float32 gives the bits of the generated C (NaN is NaN; which one is not promised), and overflow,
-    underflow and invalid arguments are silent, as in C. Raises TypeError for other dtypes and
-    KeyError for a name that is not in `KERNELS`.
+    float32 gives the bits of the generated C, except for the payload of NaN. Overflow, underflow
+    and invalid arguments are silent, as in C. Raises TypeError for other dtypes and KeyError for a
+    name that is not in `KERNELS`.
 
-    >>> evaluate("tanh", np.array([0.0, 30.0], dtype=np.float32))
-    array([0., 1.], dtype=float32)
+        >>> evaluate("tanh", np.array([0.0, 30.0], dtype=np.float32))
+        array([0., 1.], dtype=float32)
     """
     inputs = [np.asarray(array) for array in arrays]
     dtypes = {array.dtype for array in inputs}
@@ -39,5 +39,5 @@ def evaluate(name: str, *arrays: NDArray[Any]) -> NDArray[Any]:
 
 
 def routine(name: str, real: RealName) -> Routine:
-    """The statements of a kernel in one format, for a reader that has its own operations."""
+    """The statements of a kernel in one format, for code generators."""
     return trace(KERNELS[name].subroutine, FORMATS[real])

@@ -1,4 +1,4 @@
-"""Writes one of the project's kernels in core ops, where a backend has no exact function."""
+"""Expands a kernel into core operations, for backends without an exact function."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from compiler.kernels.trace.statements import (
 
 
 def expand_kernel(builder: GraphBuilder, name: str, args: tuple[NodeId, ...]) -> NodeId:
-    """The kernel's double version as nodes that follow its statements one by one.
+    """The double version of the kernel as nodes, one per statement.
 
     A branch becomes a `Select` of both computed values. Raises ValueError for a kernel that needs
-    integers (exp, sin and what is built on them), which the core ops do not have.
+    integers (exp, sin and kernels that call them), which the core operations lack.
     """
     kernel = routine(name, "double")
     values: dict[int, _Value] = {}
@@ -42,7 +42,7 @@ def expand_kernel(builder: GraphBuilder, name: str, args: tuple[NodeId, ...]) ->
     return _number(result)
 
 
-# Conditions stay formulas until something is selected: the core ops have no and, or, not.
+# Conditions stay symbolic until a selection: the core operations lack and, or, not.
 @dataclass(frozen=True, slots=True)
 class _Both:
     left: _Truth
@@ -106,8 +106,7 @@ class _Expansion:
                     # no control flow in a graph: both blocks are computed and one result is
                     # selected
                     holds = _truth(self._operand(condition, values))
-                    # locals are numbered over the whole routine: no block overwrites what the other
-                    # assigns
+                    # locals are numbered over the whole routine: blocks do not overwrite each other
                     first = self.block(then, values)
                     second = self.block(otherwise, values)
                     chosen = tuple(
@@ -130,7 +129,7 @@ class _Expansion:
             case Local():
                 return values[operand.index]
             case Constant():
-                # None fits every unit: nothing inside a kernel takes part in the check of units
+                # unit None: kernels are not part of the unit check
                 return self.builder.constant(operand.value, unit=None)
             case _:
                 assert_never(operand)
@@ -196,7 +195,7 @@ class _Expansion:
             case _Not(operand):
                 return self._choice(operand, otherwise, then)
             case _Both(left, right):
-                # the core ops have no "and": a condition of two parts is one choice inside another
+                # the core operations have no "and": nest two selections
                 return self._choice(left, self._choice(right, then, otherwise), otherwise)
             case _Either(left, right):
                 return self._choice(left, then, self._choice(right, then, otherwise))

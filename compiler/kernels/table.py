@@ -25,7 +25,7 @@ SQRT = Subroutine("sqrt", ("x",), "Square root, correctly rounded.", _sqrt)
 
 @dataclass(frozen=True, slots=True)
 class MathKernel:
-    """A scalar function of reals; `error` bounds |value − exact| in units in the last place."""
+    """A scalar function of reals; `error` is the maximum of |value − exact| in ulp."""
 
     name: str
     arity: int

@@ -1,1 +1,1 @@
-"""Reads and writes programs as versioned JSON, without trust."""
+"""Reads and writes programs as versioned JSON; files are checked as untrusted input."""

@@ -1,7 +1,6 @@
-"""Reads and writes what a program is made of by the types of its fields.
+"""Reads and writes the parts of a program as JSON, derived from the types of their fields.
 
-A class has one key for each field. A default value is left out, and so are axes and a unit where
-there are none.
+Each field of a class is one key. Default values are omitted, as are empty axes and units.
 """
 
 from __future__ import annotations
@@ -46,21 +45,21 @@ Data = dict[str, Any]
 Made = TypeVar("Made")
 
 _ALWAYS = {(Parameter, "initial"), (Loss, "weight"), (Dimension, "labels")}
-"""Written although they have a default."""
+"""Fields that are written even if they have their default value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """Data that the values of one file share: the names of the specs, and units read before."""
+    """Data that the values of one file share: paths of the specs, and units parsed before."""
 
     files: tuple[str, ...]
     numbers: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Of the specs by their paths, where a file is written."""
+    """Index of each spec by path, for writing."""
     units: dict[str, Unit] = field(default_factory=dict[str, Unit])
 
 
 def read(make: type[Made], data: Any, place: str, shared: Shared) -> Made:
-    """The value of this class that stands at the place. Raises Malformed."""
+    """Reads a value of class `make`; `place` is its path in the file. Raises Malformed."""
     record = PlainRecord(data, place)
     made = _read_fields(make, record, shared)
     record.close()
@@ -68,7 +67,7 @@ def read(make: type[Made], data: Any, place: str, shared: Shared) -> Made:
 
 
 def to_data(value: object, shared: Shared) -> Data:
-    """The keys from which `read` makes it again."""
+    """The keys of a value, from which `read` restores it."""
     data: Data = {}
     for one in _fields(type(value)):
         found = getattr(value, one.name)
@@ -80,13 +79,13 @@ def to_data(value: object, shared: Shared) -> Data:
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """Reads and writes the values of one type."""
+    """Reads and writes values of one type."""
 
     read: Callable[[PlainRecord, str, Shared], Any]
-    """The value under a key of the record, each part of it checked."""
+    """Reads and checks the value under a key of the record."""
     write: Callable[[Any, Shared], Any] = lambda value, shared: value
     has_own_keys: bool = False
-    """Whether `write` gives keys of the record instead of the value of one."""
+    """True if `write` returns keys of the record instead of a single value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,15 +94,14 @@ class _Field:
     key: str
     form: _Form
     absent: Any
-    """The value that is left out; MISSING if there is none."""
+    """The value that is omitted; MISSING if there is none."""
 
 
 @cache
 def _fields(made: type) -> tuple[_Field, ...]:
-    """The fields in the order of the file, in which the doc and the place come last."""
+    """The fields in the order of the file: `doc` and `span` come last."""
     types = get_type_hints(made)
     # sorting is stable: the other fields keep the order of their class
-    # what a person looks for stands first in each line
     fields = sorted(dataclasses.fields(made), key=lambda one: one.name in ("doc", "span"))
     return tuple(
         _Field(
@@ -186,7 +184,7 @@ def _read_range(record: PlainRecord, key: str, _: Shared) -> tuple[float, float]
 
 
 def _range_to_data(bounds: tuple[float, float], _: Shared) -> list[float | None]:
-    """An infinite bound is null."""
+    """Writes an infinite bound as null."""
     return [bound if math.isfinite(bound) else None for bound in bounds]
 
 
@@ -268,7 +266,7 @@ def _read_graph(record: PlainRecord, key: str, shared: Shared) -> Graph:
 
 
 _EMPTY: dict[Any, Any] = {tuple[Axis, ...]: (), tuple[int, ...]: (), Unit | None: None}
-"""Left out although there is no default."""
+"""Values that are omitted although the field has no default."""
 
 _FORMS: dict[Any, _Form] = {
     str: _Form(lambda record, key, _: record.text(key)),

@@ -1,4 +1,4 @@
-"""Programs as JSON: what `msnn compile` writes and every other command reads instead of a spec."""
+"""Programs as JSON: `msnn compile` writes them and every other command accepts them."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ __all__ = [
 ]
 
 LONGEST_TEXT = 256 << 20
-"""Characters of a program file."""
+"""Maximum number of characters of a program file."""
 
 
 def program_to_json(program: Program) -> str:
-    """The program's file: the same text for the same program, one node a line."""
+    """Writes a program as JSON, deterministically, with one node per line."""
     return data_to_json(program_to_data(program))
 
 
 def program_from_json(text: str, name: str) -> Program:
-    """The program that the text of a file holds; `name` is what diagnostics call the file.
+    """Reads a program from the text of a file; `name` is its name in diagnostics.
 
-    Safe for text from anywhere: sizes are capped, the result is verified. Raises SpecError.
+    Safe for untrusted text: sizes are limited and the program is verified. Raises SpecError.
     """
     return program_from_data(data_from_json(text, name), name)
 
 
 def data_from_json(text: str, name: str) -> Any:
-    """The parsed text of a program file, for a caller that keeps more in it. Raises SpecError."""
+    """Parses the text of a program file, for callers that store more in it. Raises SpecError."""
     if len(text) > LONGEST_TEXT:
         raise SpecError([files.not_a_program(name, "it is too long")])
     try:
@@ -52,7 +52,7 @@ def data_from_json(text: str, name: str) -> Any:
 
 
 def program_from_data(data: Any, name: str) -> Program:
-    """The program in parsed JSON, as `program_to_data` made it. Raises SpecError."""
+    """Reads a program from parsed JSON, as written by `program_to_data`. Raises SpecError."""
     try:
         found = PlainRecord(data, "the file").integer("format")
         if found != FORMAT:
@@ -67,7 +67,7 @@ def program_from_data(data: Any, name: str) -> Program:
 
 
 def data_to_json(data: dict[str, Any]) -> str:
-    """JSON with one line for each item of the lists at the top, so that two files compare well."""
+    """JSON with one line per item of the top-level lists, so that files can be compared by line."""
     fields: list[str] = []
     for key, value in data.items():
         if isinstance(value, list) and value:

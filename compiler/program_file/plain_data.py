@@ -1,4 +1,4 @@
-"""Reads values out of parsed JSON that anybody may have written, and says where one is wrong."""
+"""Reads values from untrusted parsed JSON, and reports the place of wrong ones."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Any, TypeVar, cast
 
 Read = TypeVar("Read")
 
-# up to here a double holds every whole number
+# a double represents every integer up to this limit
 _LARGEST_INTEGER = 1 << 53
 _LONGEST_STRING = 1 << 20
 
 
 class Malformed(Exception):  # noqa: N818  (carried to the reader's edge, where it becomes a Diagnostic)
-    """A value that is missing or of the wrong kind; the text says which."""
+    """A value is missing or of the wrong kind; the text says which."""
 
 
 class PlainRecord:
-    """A JSON object whose every key must be read: `place` is its path in the file."""
+    """A JSON object all of whose keys must be read; `place` is its path in the file."""
 
     def __init__(self, data: Any, place: str) -> None:
         if not isinstance(data, dict):
@@ -28,13 +28,13 @@ class PlainRecord:
         self.place = place
 
     def close(self) -> None:
-        """Malformed if a key is left that nothing has read."""
+        """Raises Malformed if a key has not been read."""
         for key in self._data:
             if key not in self._read:
                 raise Malformed(f"{self.place} has the unknown key {key[:40]!r}")
 
     def has(self, key: str) -> bool:
-        """Whether the key is there with another value than null."""
+        """True if the key exists with a value other than null."""
         self._read.add(key)
         return self._data.get(key) is not None
 
@@ -63,7 +63,7 @@ class PlainRecord:
         return value
 
     def items(self, key: str, read: Callable[[Any, str], Read]) -> tuple[Read, ...]:
-        """The list under the key, each item read by `read(item, place)`."""
+        """The list under the key; `read(item, place)` reads each item."""
         place = self._place(key)
         return tuple(
             read(item, f"{place}[{index}]")
@@ -84,7 +84,7 @@ def as_text(value: Any, place: str) -> str:
 
 
 def as_integer(value: Any, place: str) -> int:
-    # in Python a truth is an `int` too
+    # in Python a bool is an `int`
     if not isinstance(value, int) or isinstance(value, bool) or abs(value) > _LARGEST_INTEGER:
         raise Malformed(f"{place} is no whole number")
     return value

@@ -1,4 +1,4 @@
-"""Makes a Program from the plain data of its file."""
+"""Builds a Program from the parsed data of its file."""
 
 from __future__ import annotations
 
@@ -53,6 +53,6 @@ def read_program(data: Any) -> Program:
         doc=record.text("doc"),
         spec_hash=record.text("spec_hash"),
     )
-    # a key that this version does not know may change what the program means: refused
+    # unknown keys are refused, since they may change the meaning of the program
     record.close()
     return program

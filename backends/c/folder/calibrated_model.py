@@ -1,4 +1,4 @@
-"""Lists what calibration tools may see of generated C in floating point."""
+"""Lists the variables of generated floating-point C that calibration tools can access (ASAP2)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _REMARKS = {
 
 
 def calibrated_model(program: Program, interface: Interface) -> CalibratedModel:
-    """Parameters of the struct, inputs, outputs and declared states; buffers are left out."""
+    """The calibrated model: parameters, inputs, outputs and declared states, without buffers."""
     remark = _REMARKS[interface.options.params] if interface.parameters else ""
     return CalibratedModel(
         name=program.name,
@@ -36,10 +36,10 @@ def calibrated_model(program: Program, interface: Interface) -> CalibratedModel:
 
 
 def _segment(interface: Interface) -> Segment:
-    """The parameters, then their checksum, of which alignment makes as much as a number has."""
+    """The parameters followed by their checksum, which alignment pads to the size of a real."""
     size = 4 if interface.options.dtype == "float32" else 8
     count = sum(field.size for field in interface.parameters) + 1
-    # the struct ends at a multiple of its widest member: a CRC of 4 bytes beside float64 takes 8
+    # a struct is padded to its widest member: a CRC of 4 bytes after float64 takes 8 bytes
     return Segment(f"{interface.prefix}_calibration_t", interface.calibration_section, count * size)
 
 
@@ -56,8 +56,7 @@ def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
                 doc=parameter.doc,
                 axes=_axes(field),
                 scale=_scale(field),
-                # infinite limits are those of the storage: ASAP2 has no infinity and the writer of
-                # the text knows
+                # ASAP2 has no infinity: the writer replaces it by the limits of the storage type
                 low=-math.inf if parameter.minimum is None else parameter.minimum,
                 high=math.inf if parameter.maximum is None else parameter.maximum,
                 storage=storage,
@@ -71,7 +70,7 @@ def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
         yield _measured(field, "out", doc, limits, storage)
     for memory in interface.states:
         state = memory.state
-        # buffers turn: at a fixed address a tool would see another sample in each step
+        # buffers rotate: a fixed address contains another sample in each step
         if isinstance(memory, PlainState) and isinstance(state.origin, Declared):
             field = Field(
                 name=state.name,
@@ -89,7 +88,7 @@ def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
             doc="CRC-32 of the parameters, as they were when it was computed",
             axes=(),
             scale=Scale(""),
-            # not signed: a CRC uses all 32 bits
+            # unsigned: a CRC uses all 32 bits
             low=0.0,
             high=2.0**32 - 1.0,
             storage="ULONG",

@@ -1,4 +1,4 @@
-"""Writes the Python file that calls generated code, and the loop over steps that it calls."""
+"""Writes the Python file that calls generated code, and the C loop over steps for it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from backends.c_language.rendering import Generated, render
 def ffi_texts(
     interface: Generated, numbers: Mapping[str, str], *, linearizes: bool = False
 ) -> dict[str, str]:
-    """Texts by path in the folder; `numbers` are ctypes of the number types in the layout."""
-    # the names of types are those of the JSON file, from which the Python file builds its structs
+    """Texts by path in the folder; `numbers` maps the layout's number types to ctypes."""
+    # the type names of the JSON file, from which the Python file builds its structs
     types = {**numbers, "uint32": "c_uint32"}
     facts: dict[str, Any] = {"types": types, "words": "word" in numbers, "jacobian": linearizes}
     return {

@@ -1,4 +1,4 @@
-"""Writes the text of every file of a generated folder, from one program in step form."""
+"""Writes the text of every file of a generated folder, for a program in step form."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from compiler.ir.program import Program
 
 
 def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """Texts by path in the folder, the same bytes for the same program, weights and options."""
+    """Texts by path in the folder; deterministic for the same program, weights and options."""
     files = library_texts(program, interface, weights)
     files |= {
         **test_texts(program, interface, weights),
@@ -41,14 +41,14 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
     }
     if interface.options.ros2:
         files |= ros2_texts(program, interface, files)
-    # packages list every source
+    # packages list all sources
     files |= package_texts(interface, files)
     files["README.md"] = _readme(interface, files)
     return with_manifest(with_identity(dict(sorted(files.items()))))
 
 
 def library_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """The files of `model_texts`, and the self-test: all that a target compiles."""
+    """The files of `model_texts` and the self-test: all sources that a target compiles."""
     files, kernels = _model_texts(program, interface, weights)
     files[f"src/{interface.prefix}_selftest.c"] = selftest_text(
         program, interface, weights, kernels
@@ -57,17 +57,16 @@ def library_texts(program: Program, interface: Interface, weights: Weights) -> d
 
 
 def model_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """The files that a program needs which calls the code: header, sources, description, FFI."""
+    """The files that a calling program needs: header, sources, description, FFI."""
     return _model_texts(program, interface, weights)[0]
 
 
 def _model_texts(
     program: Program, interface: Interface, weights: Weights
 ) -> tuple[dict[str, str], Collection[str]]:
-    """The same, and the kernels that the code calls."""
+    """The same, with the names of the kernels that the code calls."""
     prefix, options = interface.prefix, interface.options
-    # one table for all functions: what two of them call is defined once, and in the order of first
-    # use
+    # one table for all functions: shared helpers are defined once, in the order of first use
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
     model = ControllerCode(interface, weights, table, program.formulas)
     every = program.sample_time
@@ -103,7 +102,7 @@ def _model_texts(
         files[f"src/{prefix}_params.c"] = parameters_text(interface, weights)
     if interface.calibrates:
         files[f"src/{prefix}_calibration.c"] = calibration_text(interface, weights)
-    # known only now: lowering the functions has filled the table
+    # lowering the functions has filled the table
     if table.kernels:
         real = "float" if options.dtype == "float32" else "double"
         kernels = c_sources(table.kernels, real, prefix, constant_time=options.constant_time)
@@ -131,7 +130,7 @@ def _source(
 
 def _readme(interface: Interface, files: dict[str, str]) -> str:
     dtype = interface.options.dtype
-    # windows and supplied states share one struct of `reset`, so one table of ranges serves both
+    # windows and supplied states are in the same struct of `reset`, so they share a table of ranges
     signals = {port.signal.name: port.signal.range for _, port in interface.windows}
     signals |= {state.name: state.range for _, state in interface.supplied}
     starts = [field for field, _ in interface.windows] + [f for f, _ in interface.supplied]
@@ -169,7 +168,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
 
 
 def _assignment(base: str, field: Field, limits: tuple[float, float] | None, dtype: Dtype) -> str:
-    """Sets a field to the valid value nearest to 0."""
+    """C statements that set a field to the valid value nearest to 0."""
     value = real_literal(nearest_to_zero(limits, dtype), dtype)
     unit = f" /* {comment_text(field.unit.text)} */" if field.unit is not None else ""
     if not field.shape:

@@ -1,4 +1,4 @@
-"""Writes what Zephyr, Arduino and CMake want beside the sources; all find the same files."""
+"""Writes package files for Zephyr, Arduino and CMake, all for the same sources."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from backends.c_language.rendering import Generated, render
 from spec_schema.version import __version__
 
 NUMBER = ".".join(re.findall(r"\d+", __version__)[:3])
-"""The version of msnn, with which build systems compare."""
+"""The version of msnn as digits only, for build systems."""
 
 
 def package_texts(
@@ -18,14 +18,14 @@ def package_texts(
 ) -> dict[str, str]:
     """Texts by path in the folder; `paths` are the other files in it.
 
-    `in_reals` is false for code that computes in integers alone.
+    `in_reals` is False for fixed-point code.
     """
     named = sorted(paths)
     facts: dict[str, Any] = {
         "sources": [path for path in named if path.startswith("src/") and path.endswith(".c")],
         "headers": [path for path in named if path.startswith("include/")],
         "in_reals": in_reals,
-        # of a development version the number alone: CMake and Arduino take no more
+        # digits only: CMake and Arduino accept no suffix of a development version
         "version": NUMBER,
     }
     files = {
@@ -40,10 +40,9 @@ def package_texts(
 
 
 def _forward(interface: Generated, header: str) -> tuple[str, str]:
-    """A header beside the sources that includes the one in `include/`."""
+    """A header in `src/` that includes the one in `include/`."""
     name = header.removeprefix("include/")
     guard = f"{name.removesuffix('.h').upper()}_FORWARD_H"
     template = "packages/forward.h.j2"
-    # Arduino compiles `src/` alone and finds headers there: the interface stays in `include/` for
-    # all others
+    # Arduino searches headers in `src/` only; all others use `include/`
     return f"src/{name}", render(template, interface, "Interface", header=header, guard=guard)

@@ -1,4 +1,4 @@
-"""Writes the sources that hold the trained values: constants, and the variable to be tuned."""
+"""Writes the sources with the trained values: constants, or a tunable variable."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def parameters_text(interface: Interface, weights: Weights) -> str:
 
 
 def calibration_text(interface: Interface, weights: Weights) -> str:
-    """`src/<prefix>_calibration.c`: the values in a section of their own, with their checksum."""
+    """`src/<prefix>_calibration.c`: the values in a separate section, with their checksum."""
     return render(
         "calibration.c.j2",
         interface,
         "Values for calibration",
-        # one level deeper: the values are a struct beside their checksum
+        # one level deeper: the values are a struct next to their checksum
         fields=_fields(interface, weights, "        "),
         section=interface.calibration_section,
         checksum=f"0x{_checksum(interface, weights):08X}",
@@ -36,10 +36,9 @@ def calibration_text(interface: Interface, weights: Weights) -> str:
 
 
 def _checksum(interface: Interface, weights: Weights) -> int:
-    """CRC-32 of the numbers, the least significant byte of each first, whatever the target does."""
+    """CRC-32 of the values in little-endian order, independent of the target."""
     order = "<f4" if interface.options.dtype == "float32" else "<f8"
-    # in the order of the struct's fields, whose elements are all of one type: no padding lies
-    # between
+    # in the order of the struct's fields; all elements have one type, so there is no padding
     numbers = [np.asarray(weights[field.name]).ravel() for field in interface.parameters]
     return zlib.crc32(np.concatenate(numbers).astype(order).tobytes())
 

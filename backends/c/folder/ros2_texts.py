@@ -1,4 +1,4 @@
-"""Writes a node of ROS 2 around the generated C: a package in a folder of its own."""
+"""Writes a ROS 2 node for the generated C, as a package in a separate folder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from compiler.ir.program import Parameter, Program
 
 _NANO = 1_000_000_000
 _OF_ROS = ("use_sim_time", "start_type_description_service")
-"""Parameters that each node has before its own: to declare them again would end it at launch."""
+"""Parameters that every node declares itself; declaring them again aborts the launch."""
 
 
 def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> dict[str, str]:
@@ -54,7 +54,7 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
         "sources": sorted(
             path
             for path in paths
-            # golden vectors are for the code itself: a node would only carry them along
+            # a node needs no golden vectors
             if path.startswith("src/") and path.endswith(".c") and "_selftest" not in path
         ),
         "description": escape(" ".join((program.doc or program.name).split())),
@@ -64,7 +64,7 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
     def text(template: str, title: str = "") -> str:
         return render(template, interface, title, "ros2", **facts)
 
-    # C++ takes a literal, CMake and the README the executable's bare name
+    # C++ needs a string literal, CMake and the README the bare name of the executable
     facts["node"] = string_literal(package)
     files = {f"ros2/src/{prefix}_node.cpp": text("node.cpp.j2", "Node of ROS 2")}
     facts["node"] = f"{package}_node"
@@ -75,13 +75,13 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
 
 
 def _ros_name(prefix: str) -> str:
-    """The name of a package: lower case, a letter first, single underscores."""
+    """The name of a ROS package: lower case, starting with a letter, without double underscores."""
     found = re.sub("_+", "_", prefix.lower()).strip("_")
     return found if found[:1].isalpha() else f"model_{found}"
 
 
 def _values(interface: Interface) -> str:
-    """The argument that gives functions their parameters."""
+    """The argument that passes the parameters to a function."""
     if not interface.takes_parameters:
         return ""
     if interface.options.moves_parameters:
@@ -115,7 +115,7 @@ def _parameter(
 
 
 def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
-    """The arguments of `reset`, where a model waits for it."""
+    """The arguments of `reset`, for a model that waits for it."""
     if not interface.from_record - interface.filled_by_first:
         return []
     given = [(field, port.signal.range, port.signal.doc) for field, port in interface.windows]
@@ -126,7 +126,7 @@ def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
             **_facts(field, f"{doc} around the first step"),
             "name": string_literal(name),
             "shown": one_line(name),
-            # parameters of ROS are doubles, whatever the model computes in
+            # parameters of ROS are always doubles
             "value": real_literal(nearest_to_zero(limits, interface.options.dtype), "float64"),
         }
         for name, (field, limits, doc) in zip(named, given, strict=True)
@@ -134,7 +134,7 @@ def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
 
 
 def _unused(name: str, names: set[str]) -> str:
-    """The name, numbered where a parameter of the node has it; it is one of `names` then."""
+    """The name, with a number appended if `names` has it; adds the result to `names`."""
     numbered = (f"{name}_{k}" for k in count(2))
     found = next(each for each in chain([name], numbered) if each not in names)
     names.add(found)

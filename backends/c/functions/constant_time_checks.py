@@ -1,4 +1,4 @@
-"""Checks inputs against their range in the same instructions for every value."""
+"""Checks inputs against their range with the same instructions for every value."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ _OUTSIDE, _UNORDERED = c.Name("outside"), c.Name("unordered")
 
 
 def constant_time_check(policy: InvalidPolicy, table: FunctionTable) -> tuple[c.Statement, ...]:
-    """The body of the function that checks x; the arguments are those of the other form."""
+    """The body of the function that checks x, with the same arguments as the version with
+    branches.
+    """
 
     def bits(bit: StatusBit, count: c.Expression) -> c.Statement:
         value = c.Binary("*", count, c.Name(status_macro(table.prefix, bit)))
@@ -31,11 +33,11 @@ def constant_time_check(policy: InvalidPolicy, table: FunctionTable) -> tuple[c.
     unordered = bits(StatusBit.NOT_A_NUMBER, _UNORDERED)
     match policy:
         case "flag":
-            # NaN is outside as well: it has a bit of its own and not that of numbers
+            # NaN also counts as outside, but has a separate status bit
             ordered = c.Binary("-", _OUTSIDE, _UNORDERED)
             return (*found, bits(StatusBit.OUT_OF_RANGE, ordered), unordered)
         case "clamp":
-            # NaN is less than neither limit and would come through both choices below
+            # NaN fails both comparisons below and must be replaced first
             number = select(c.Binary("!=", _UNORDERED, c.Unsigned(0)), _INSTEAD, _X)
             raised = select(table.truth(c.Binary("<", _X, _LOW)), _LOW, number)
             result = c.Return(select(table.truth(c.Binary(">", _X, _HIGH)), _HIGH, raised))

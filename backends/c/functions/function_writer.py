@@ -1,4 +1,4 @@
-"""Begins every function of a controller: its block, its names, where values are."""
+"""Base of all functions of a controller: its block, its names, and the places of values."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from compiler.ir.program import Formula, Graph
 from compiler.ir.types import Type
 
 _BLOCK = 6
-"""Terms of a long sum in one turn of its loop: more save little and cost flash."""
+"""Terms of a long sum per iteration of its loop: more terms save little time and cost flash."""
 
 _FEWEST_WRITTEN_OUT = 4
-"""A smaller `unroll` asks for small code: its turns have no more terms than that."""
+"""A smaller `unroll` requests small code, so that loops also have at most that many terms."""
 
 Weights = Mapping[str, NDArray[np.float64]]
 
@@ -41,7 +41,7 @@ class ControllerCode:
 
 
 class FunctionWriter:
-    """One function while it is being written; also where its graph finds its leaves."""
+    """Writes one function; it also resolves the leaves of its graph to places in C."""
 
     def __init__(self, model: ControllerCode, graph: Graph) -> None:
         self.model = model
@@ -57,9 +57,9 @@ class FunctionWriter:
             names_constants=True,
         )
         self.inputs: dict[str, ArrayView] = {}
-        """Where the step finds its checked inputs."""
+        """Places of the checked inputs of the step."""
         self.checked_windows: dict[str, ArrayView] = {}
-        """Where the start finds samples around t0 that were checked."""
+        """Places of the checked samples around t0, for the start."""
         self._reads_parameters = False
         self._memory = {memory.state.name: memory for memory in self.interface.states}
         self._windows = {field.name: (field, port) for field, port in self.interface.windows}
@@ -75,8 +75,7 @@ class FunctionWriter:
                 return self._memory[name].samples
             case ops.ReadLog(name, first, last):
                 return self._window(name, first, last, type)
-            # seeds of the reverse graph: `native/` alone has them, and lowers them by its own
-            # reader
+            # only the training kernels of `native/` have these, with a reader of their own
             case ops.ReadTraining():
                 raise AssertionError("no program reads values of training")
             case _:
@@ -84,7 +83,7 @@ class FunctionWriter:
 
     def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         memory = self._memory[op.state]
-        # these do not hold the newest sample beside the others: the window is made elsewhere
+        # these do not store the newest sample with the others: the window is built elsewhere
         if isinstance(memory, PlainState | DelayLine):
             return None
         self.before_push(memory, newest)
@@ -92,10 +91,10 @@ class FunctionWriter:
         return memory.window
 
     def before_push(self, memory: Buffer, newest: ArrayView) -> None:
-        """Writes what comes before a buffer takes its newest sample; nothing, if not overridden."""
+        """Hook: writes statements before a buffer receives its newest sample."""
 
     def instance(self) -> tuple[Name, ...]:
-        """The arguments of a function of this instance alone."""
+        """The arguments of a function that depends on the instance only."""
         if not self.interface.takes_parameters:
             return (Name("s"),)
         self._reads_parameters = True
@@ -113,17 +112,18 @@ class FunctionWriter:
         *,
         reads_only: bool = False,
     ) -> Function:
-        """The function with what has been written; `structs` come after state and parameters.
+        """The function with the statements so far; `structs` follow the state and parameter
+        arguments.
 
-        One that `reads_only` takes a state that it cannot change.
+        With `reads_only` the state argument is const.
         """
         prefix = self.interface.prefix
-        # of every function, one without states too: callers are written once for all models
+        # also without states, so that callers are the same for all models
         arguments = [Argument(f"{'const ' if reads_only else ''}{prefix}_state_t *", "s")]
         unused: list[Statement] = []
         if self.interface.takes_parameters:
             arguments.append(Argument(f"const {prefix.upper()}_PLACED {prefix}_params_t *", "p"))
-            # all functions of an instance take the same arguments, used or not
+            # all functions of an instance have the same arguments, even if unused
             unused += [] if self._reads_parameters else [Discard("p")]
         statements = self.scope.statements
         body = (*unused, *self.locals.constants(statements), *statements)
@@ -145,7 +145,7 @@ class FunctionWriter:
     def _window(self, name: str, first: int, last: int, type: Type) -> ArrayView:
         field, port = self._windows[name]
         samples = self.checked_windows.get(name, field.place("x0")).reshaped(port.type.shape)
-        assert samples is not None  # at most an axis of length 1 is added
+        assert samples is not None  # only adds an axis of length 1
         axis = len(port.type.shape) - 1
         # sample `first` of the log is at `first - port.first` in the array, whose oldest is 0
         part = samples.sliced(axis, first - port.first, last - port.first + 1)
@@ -155,7 +155,7 @@ class FunctionWriter:
 
 
 def _names_of_spec(graph: Graph) -> Iterator[str]:
-    """The names that the spec has for values and numbers of a graph."""
+    """The names that the spec gives to values and constants of a graph."""
     for node in graph.nodes:
         if node.label:
             yield node.label

@@ -1,4 +1,4 @@
-"""Checks inputs against their range in step and reset, and acts by their policy, in C."""
+"""Writes the range checks of inputs in step and reset, with their policy for invalid values."""
 
 from __future__ import annotations
 
@@ -26,27 +26,30 @@ _FUNCTIONS: dict[InvalidPolicy, str] = {"flag": "flagged", "clamp": "clamped", "
 
 
 def limits(signal: Signal, dtype: Dtype) -> tuple[float, float]:
-    """The ends of what is valid: the finite numbers within the range of the spec."""
+    """The limits of valid values: the finite numbers within the range of the spec."""
     return _finite(signal.range, dtype)
 
 
 def _finite(limits: tuple[float, float] | None, dtype: Dtype) -> tuple[float, float]:
-    # of the code's own type: the limit of float64 would be infinite as a float literal
+    # the limit of the code's type: that of float64 would be infinite as a float literal
     most = largest(dtype)
     if limits is None:
         return -most, most
     low, high = limits
-    # a limit of ±∞ still refuses ±∞: infinite inputs are never valid
+    # infinite inputs are never valid, even with a limit of ±∞
     return max(low, -most), min(high, most)
 
 
 def stand_in(signal: Signal, dtype: Dtype) -> float:
-    """The valid number nearest to 0: for NaN, and for the last valid one before there is one."""
+    """The valid value nearest to 0.
+
+    It replaces NaN, and the last valid value before there is one.
+    """
     return nearest_to_zero(signal.range, dtype)
 
 
 def nearest_to_zero(limits: tuple[float, float] | None, dtype: Dtype) -> float:
-    """The number nearest to 0 within a range."""
+    """The value in the range that is nearest to 0."""
     low, high = _finite(limits, dtype)
     return min(max(0.0, low), high)
 
@@ -59,9 +62,9 @@ def checked_input(
     *,
     remembers: bool = True,
 ) -> ArrayView:
-    """Writes the checks of one input; returns where the step finds its values.
+    """Writes the checks of one input; returns the place of the checked values.
 
-    What `hold` falls back to is replaced by valid values where the function `remembers` them.
+    With policy `hold` and `remembers`, the function stores valid values for later steps.
     """
     field, signal = input.field, input.port.signal
     check = _InputCheck(field.place("u"), signal, functions)
@@ -78,17 +81,17 @@ def checked_input(
 def checked_window(
     field: Field, port: Port, functions: FunctionTable, scope: BlockScope, unroll: int
 ) -> ArrayView:
-    """The same for samples around t0, each of which `hold` replaces by the one before it."""
+    """The same for samples around t0; `hold` replaces an invalid sample by the previous one."""
     check = _InputCheck(field.place("x0"), port.signal, functions)
     if port.signal.on_invalid != "hold":
         return _checked(check, field.identifier, scope, unroll)
-    # the oldest sample has none before it to fall back to
+    # the oldest sample has no previous one
     check = replace(check, instead=check.nearest_to_zero)
     if port.first == port.last:
         return _filled(check, field.identifier, scope, unroll)
     valid = ArrayView.array(scope.array(field.identifier, field.size), field.shape)
     axis, samples = len(field.shape) - 1, field.shape[-1]
-    # sample by sample along time, as each falls back to the corrected one before it
+    # sample by sample, since each may be replaced by the previous corrected one
     first = replace(check, given=check.given.sliced(axis, 0, 1))
     _fill(first, valid.sliced(axis, 0, 1), scope, unroll)
     later = replace(
@@ -101,7 +104,7 @@ def checked_window(
 
 
 def _checked(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> ArrayView:
-    """The values of an input by a policy that needs no memory."""
+    """The checked values of an input, for a policy without memory."""
     match check.signal.on_invalid:
         case "trust":
             return check.given
@@ -122,23 +125,25 @@ def _checked(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> A
 
 @dataclass(frozen=True, slots=True)
 class _InputCheck:
-    """Calls the function of a policy; where time may depend on numbers, for invalid ones only."""
+    """Calls the function of a policy; in constant time always, otherwise for invalid values
+    only.
+    """
 
     given: ArrayView
-    """The values as they came."""
+    """The values before the check."""
     signal: Signal
     functions: FunctionTable
     instead: ArrayView | None = None
-    """What replaces NaN, or every invalid value."""
+    """Replacement for NaN, or for every invalid value."""
 
     @property
     def nearest_to_zero(self) -> ArrayView:
-        """The valid value nearest to 0 in place of each."""
+        """The valid value nearest to 0, for every element."""
         value = ArrayView.single(c.Real(stand_in(self.signal, self.functions.dtype)))
         return value.reshaped_single(self.given.shape)
 
     def call(self, at: Indices) -> c.Expression:
-        """Reports an element, its value is the corrected one."""
+        """A call that reports an element and returns the corrected value."""
         low, high = self._limits
         instead = () if self.instead is None else (self.instead.element(at),)
         function = f"{self.functions.prefix}_{_FUNCTIONS[self.signal.on_invalid]}"
@@ -148,12 +153,12 @@ class _InputCheck:
         )
 
     def where_invalid(self, at: Indices, statement: c.Statement, scope: BlockScope) -> None:
-        """Writes the statement with the call, under the test whether there is need of it."""
+        """Writes the statement with the call, executed only if the value is invalid."""
         if self.functions.constant_time:
-            # always called: a branch would let the time tell valid from invalid
+            # always called: with a branch, the time would depend on the value
             scope.add(statement)
             return
-        # a comparison inline and a call for what is wrong: valid values, nearly all, take no call
+        # an inline comparison, and a call for invalid values only, which are rare
         valid = within(self.given.element(at), *self._limits, self.functions)
         scope.add(c.If(c.Unary("!", valid), (statement,)))
 
@@ -163,7 +168,7 @@ class _InputCheck:
 
 
 def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> ArrayView:
-    """A local with the corrected values of an input."""
+    """A local variable with the corrected values of an input."""
     shape = check.given.shape
     if not shape:
         if check.functions.constant_time:
@@ -177,7 +182,7 @@ def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> Ar
 
 
 def _fill(check: _InputCheck, place: ArrayView, scope: BlockScope, unroll: int) -> None:
-    """Writes the corrected values to a place, in the order of its elements."""
+    """Writes the corrected values to a place, element by element."""
 
     def correct(at: Indices, inner: BlockScope) -> None:
         if not check.functions.constant_time:
@@ -188,7 +193,7 @@ def _fill(check: _InputCheck, place: ArrayView, scope: BlockScope, unroll: int) 
 
 
 def policy_functions(interface: Interface, table: FunctionTable) -> tuple[c.Function, ...]:
-    """Definitions of the checks that step, reset and linearize need."""
+    """Definitions of the check functions that step, reset and linearize use."""
     ports = (*(i.port for i in interface.inputs), *(port for _, port in interface.windows))
     used = {port.signal.on_invalid for port in ports}
     return tuple(
@@ -198,7 +203,7 @@ def policy_functions(interface: Interface, table: FunctionTable) -> tuple[c.Func
             constant_time_check(policy, table) if table.constant_time else body(table.prefix),
         )
         for policy, (_, body) in _CHECKS.items()
-        # a static function that nobody calls is a warning of compilers and a finding of MISRA
+        # unused static functions cause compiler warnings and MISRA findings
         if policy in used
     )
 
@@ -207,7 +212,7 @@ _X, _LOW, _HIGH, _RESULT = c.Name("x"), c.Name("low"), c.Name("high"), c.Name("r
 _INSTEAD = c.Name("instead")
 _BELOW, _ABOVE = c.Binary("<", _X, _LOW), c.Binary(">", _X, _HIGH)
 _OUTSIDE = c.Binary("||", _BELOW, _ABOVE)
-"""False for NaN, as every comparison with it is."""
+"""False for NaN, like every comparison with it."""
 
 
 def _bit(prefix: str, bit: StatusBit) -> c.Statement:
@@ -221,10 +226,10 @@ def _flagged(prefix: str) -> tuple[c.Statement, ...]:
 
 def _clamped(prefix: str) -> tuple[c.Statement, ...]:
     to_low, to_high = c.Assign(_RESULT, _LOW), c.Assign(_RESULT, _HIGH)
-    # neither above nor below: NaN, which has no nearest limit
+    # neither above nor below: NaN
     unordered = (_bit(prefix, StatusBit.NOT_A_NUMBER),)
     nearest = c.If(_ABOVE, (to_high,), (c.If(_BELOW, (to_low,), unordered),))
-    # starts as what NaN becomes: only a value that has a nearest limit replaces it below
+    # initialised with the replacement of NaN; numbers overwrite it below
     given = c.Declare(c.CType.REAL, _RESULT.text, _INSTEAD)
     return (given, _bit(prefix, StatusBit.CLAMPED), nearest, c.Return(_RESULT))
 

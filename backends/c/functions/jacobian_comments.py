@@ -1,4 +1,4 @@
-"""Says in the generated code what the entries of a matrix are: names, units, and which are 0."""
+"""Comments on a matrix in generated code: names, units, and the sparsity pattern."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix, MatrixBlock, Member, Vector
 
 _MOST_ROWS, _MOST_COLUMNS = 32, 64
-"""Of a matrix whose pattern is shown; that of any is in the JSON file."""
+"""Maximum size of a matrix whose pattern is shown; the JSON file has every pattern."""
 
 
 def pattern_comments(matrix: Matrix) -> Iterator[str]:
-    """The kind of each entry as a mark, a line for each row; equal rows in a row share one."""
+    """One line of marks per row, one mark per entry; consecutive equal rows share a line."""
     rows, columns = matrix.shape
     if rows > _MOST_ROWS or columns > _MOST_COLUMNS:
         return
@@ -32,7 +32,7 @@ def _row_marks(matrix: Matrix, row: int) -> str:
 
 
 def mark(matrix: Matrix, entry: int) -> str:
-    """The kind of an entry, in one character."""
+    """The kind of an entry, as one character."""
     known = matrix.known[entry]
     if known is not None:
         return "." if known == 0.0 else "="
@@ -40,7 +40,7 @@ def mark(matrix: Matrix, entry: int) -> str:
 
 
 def entries_comment(matrix: Matrix, block: MatrixBlock, type: Type) -> str:
-    """`d speed / d torque [m/s/N/m]` for the entries that a block writes."""
+    """The comment of the entries that a block writes: `d speed / d torque [m/s/N/m]`."""
     places = block.places(type.shape).ravel()
     row, first = divmod(int(places[0]), matrix.columns.size)
     last = int(places[-1]) % matrix.columns.size

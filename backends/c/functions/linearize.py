@@ -1,4 +1,4 @@
-"""Writes the Jacobian of a step in C: check inputs, write what is known, compute the rest."""
+"""Writes the Jacobian of a step in C: checks inputs, writes constants, computes the rest."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from compiler.ir.program import Graph
 from compiler.jacobian.matrices import MatrixBlock
 
 _FEW = 16
-"""Known entries that are written one after the other."""
+"""Maximum number of constant entries that are written one by one."""
 
 
 def linearize_function(model: ControllerCode, interface: JacobianInterface) -> Function:
-    """`<prefix>_linearize(s, p, u, jac)`: the slopes of the step at s and u."""
+    """`<prefix>_linearize(s, p, u, jac)`: the Jacobian of the step at s and u."""
     writer = _LinearizeWriter(model, interface)
     writer.begin()
     graph = interface.jacobian.graph
@@ -52,7 +52,7 @@ def linearize_function(model: ControllerCode, interface: JacobianInterface) -> F
 
 
 def _entries(field: MatrixField, block: MatrixBlock, graph: Graph) -> ArrayView:
-    """The place of a block's entries."""
+    """The place of the entries of a block."""
     shape = graph[block.node].type.shape
     return ArrayView(field.place.storage, shape, block.strides, Index(block.offset))
 
@@ -68,7 +68,7 @@ class _LinearizeWriter(FunctionWriter):
         self._fields = interface.fields
 
     def begin(self) -> None:
-        """Status, heads of the rings that are read, and checked inputs."""
+        """Writes the status, the heads of rings that are read, and the checked inputs."""
         interface, scope = self.interface, self.scope
         scope.reserve(OUT)
         if not interface.has_state:
@@ -80,7 +80,7 @@ class _LinearizeWriter(FunctionWriter):
             scope.add(Discard(OUT))
         ok = Name(f"{interface.prefix.upper()}_OK")
         infinite = any(field.matrix.perhaps_infinite for field in self._fields)
-        # nothing sets a bit then
+        # otherwise nothing sets a bit
         constant = not (checked or interface.has_state or infinite)
         scope.add(Declare(CType.STATUS, "status", ok, constant=constant))
         for memory in interface.states:
@@ -93,31 +93,30 @@ class _LinearizeWriter(FunctionWriter):
             name = input.port.signal.name
             valid = checked_input(input, self.model.functions, scope, self.unroll, remembers=False)
             self.inputs[name] = valid
-            # checked for its status, though no slope reads it
+            # checked for its status, although no entry reads it
             if name not in self._signals and isinstance(valid.storage, Name):
                 scope.add(Discard(valid.storage.text))
 
     def report_infinite(self, graph: Graph) -> None:
-        """Sets a bit where a slope that can be infinite is so, or is NaN."""
+        """Sets a status bit if an entry is infinite or NaN."""
         blocks = [(f, block) for f in self._fields for block in f.matrix.perhaps_infinite]
         if blocks:
             self.comment("slopes that can be infinite")
-        # entries beyond it are infinite or NaN, as `report_outside` compares and a NaN is in no
-        # range
+        # larger entries are infinite; NaN is outside of every range
         largest = float(np.finfo(self.interface.options.dtype).max)
         for field, block in blocks:
             place = _entries(field, block, graph)
             report_outside(self, place, (-largest, largest), StatusBit.SLOPE_NOT_FINITE)
 
     def write_known(self, field: MatrixField) -> None:
-        """Entries that are always the same."""
+        """Writes the constant entries."""
         known = {i: x for i, x in enumerate(field.matrix.known) if x is not None}
         place, scope = field.place, self.scope
-        # where they are many all entries become 0 in a loop, then the others their number
+        # if there are many, a loop sets all entries to 0, then the nonzero constants are written
         if len(known) > _FEW:
             with scope.loop(field.matrix.size) as (index, inner):
                 inner.assign(place.element([index]), Real(0.0))
-            # -0.0 equals 0.0: the loop has written +0, which is the same slope
+            # -0.0 equals 0.0, so +0 from the loop is fine
             known = {i: x for i, x in known.items() if x != 0.0}
         for run in number_runs(known):
             along = ArrayView(place.storage, (run.count,), (run.stride,), Index(run.first))

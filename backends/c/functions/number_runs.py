@@ -1,4 +1,4 @@
-"""Finds equal numbers at even distances, which a loop can write."""
+"""Groups equal values at equidistant indices, which a loop can write."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class NumberRun:
-    """The same number at places first, first + stride, … ; a single one has the stride 1."""
+    """The same value at first, first + stride, …; a single value has the stride 1."""
 
     value: float
     first: int
@@ -17,7 +17,7 @@ class NumberRun:
 
 
 def number_runs(numbers: Mapping[int, float]) -> list[NumberRun]:
-    """The numbers, given by place, as few runs; in the order of their first places."""
+    """Groups values by index into runs, in the order of their first indices."""
     places: dict[float, list[int]] = {}
     for place, value in sorted(numbers.items()):
         places.setdefault(value, []).append(place)
@@ -26,7 +26,7 @@ def number_runs(numbers: Mapping[int, float]) -> list[NumberRun]:
 
 
 def _runs(value: float, places: list[int]) -> list[NumberRun]:
-    """From each place on as far as the distance to the next one stays the same."""
+    """Starts a run at each index and extends it while the distance stays the same."""
     runs: list[NumberRun] = []
     begin = 0
     while begin < len(places):
@@ -35,7 +35,7 @@ def _runs(value: float, places: list[int]) -> list[NumberRun]:
         while end < len(places) and places[end] - places[end - 1] == stride:
             end += 1
         if end - begin == 2:
-            # two numbers lie at even distances by chance
+            # two values are always equidistant
             end, stride = begin + 1, 1
         runs.append(NumberRun(value, places[begin], stride, end - begin))
         begin = end

@@ -1,4 +1,4 @@
-"""Writes what sets the states before the first step: `init` without data, `reset` with it."""
+"""Writes the functions that initialise the states: `init` without data, `reset` with data."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from compiler.ir.program import Program
 
 
 def init_function(program: Program, model: ControllerCode) -> c.Function:
-    """`<prefix>_init(s, p)`: states that need no record; the others are marked as not set."""
+    """`<prefix>_init(s, p)`: sets states that need no recorded data; marks the others as unset."""
     writer = _StartWriter(model, program.start)
     interface = model.interface
     known = [s.name for s in program.states if s.name not in interface.from_record]
     writer.set_states(program, dict.fromkeys(known))
     for memory in interface.states:
         if memory.state.name in interface.from_record:
-            # defined, but no state: `ready` says which are to be set before a step
+            # a defined value, but not valid: `ready` marks states to be set before a step
             memory.write_start(_zeros(memory.shape), writer.scope, writer.unroll)
     ready = INITIALISED
     ready |= BUFFERS_EMPTY if interface.filled_by_first else 0
@@ -39,9 +39,9 @@ def init_function(program: Program, model: ControllerCode) -> c.Function:
 
 
 def reset_function(program: Program, model: ControllerCode) -> c.Function:
-    """`<prefix>_reset(s, p, x0)`: all states, from samples around the first step.
+    """`<prefix>_reset(s, p, x0)`: sets all states, from samples around the first step.
 
-    Returns what was out of order among the samples and the states that they give.
+    It returns status bits for invalid samples and for states out of range.
     """
     writer = _StartWriter(model, program.start)
     interface = model.interface
@@ -52,7 +52,7 @@ def reset_function(program: Program, model: ControllerCode) -> c.Function:
     writer.set_states(program, {s.name: supplied.get(s.name) for s in program.states})
     writer.finish_states(INITIALISED)
     if interface.checks:
-        # after the states are set: `reset` has moved the heads
+        # after the states are set, which moves the heads
         writer.read_heads()
         report_first_states(writer)
     writer.scope.add(c.Return(c.Name("status")))
@@ -71,16 +71,16 @@ def restart_functions(program: Program, model: ControllerCode) -> tuple[c.Functi
             writer.set_states(program, {memory.state.name: None})
             doc = f"Resets {memory.state.name} to what it is before the first step."
             function = writer.finished(f"restart_{memory.identifier}", "void", (), doc)
-            # only the step calls it: the header shows none
+            # only the step calls it, so it is not in the header
             found.append(replace(function, static=True))
     return tuple(found)
 
 
 class _StartWriter(FunctionWriter):
     def set_states(self, program: Program, starts: dict[str, ArrayView | None]) -> None:
-        """Sets the named states to a place, or where it is None to what the start graph says."""
+        """Sets the named states: to a place, or for None to the value from the start graph."""
         computed = [s.start for s in program.states if s.name in starts and starts[s.name] is None]
-        # of the named states alone: what others begin with is neither computed nor read
+        # only for the named states: starts of other states are not computed
         lowered = GraphLowering(program.start, computed, self, self.scope, self.locals)
         for memory in self.interface.states:
             name = memory.state.name
@@ -89,11 +89,11 @@ class _StartWriter(FunctionWriter):
                 memory.write_start(place, self.scope, self.unroll)
 
     def check_windows(self) -> None:
-        """Status and checked samples."""
+        """Writes the status and the checked samples."""
         interface = self.interface
         checked = [f for f, port in interface.windows if port.signal.on_invalid != "trust"]
         ok = c.Name(f"{interface.prefix.upper()}_OK")
-        # without a check nothing sets a bit
+        # without checks nothing sets a bit
         constant = not (checked or interface.checks)
         self.scope.add(c.Declare(c.CType.STATUS, "status", ok, constant=constant))
         for field, port in interface.windows:
@@ -102,13 +102,13 @@ class _StartWriter(FunctionWriter):
             )
 
     def read_heads(self) -> None:
-        """The heads of rings whose samples are looked at."""
+        """Reads the heads of rings whose samples are checked."""
         for check in self.interface.checks:
             if isinstance(check.memory, DoubledRing):
                 check.memory.begin(self.scope)
 
     def finish_states(self, ready: int) -> None:
-        """Sets what the state struct holds besides the states."""
+        """Sets the other fields of the state struct."""
         interface = self.interface
         for input in interface.inputs:
             if input.held is not None:
@@ -120,7 +120,7 @@ class _StartWriter(FunctionWriter):
         if interface.has_state:
             self.scope.add(c.Assign(c.Member("s", interface.ready), c.Unsigned(ready)))
         else:
-            # C has no empty structs: the only member is one that nothing reads
+            # C has no empty structs: sets an unused member
             self.scope.add(c.Assign(c.Member("s", RESERVED), c.Unsigned(0)))
 
 

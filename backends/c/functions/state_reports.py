@@ -1,4 +1,4 @@
-"""Reports in generated C states that left their range or are no numbers."""
+"""Writes status reports of states that are NaN or out of range."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ BUFFERS_EMPTY = 1
 """Bit of the field `ready`: buffers wait for their first sample."""
 
 STATES_UNSET = 2
-"""Bit of the field `ready`: states hold values that only `reset` can set."""
+"""Bit of the field `ready`: some states are valid only after `reset`."""
 
 INITIALISED = 4
 """Bit of the field `ready`: `init` or `reset` was called."""
 
 
 def report_unready(writer: FunctionWriter) -> None:
-    """Sets a bit of the status before `init`, and while states wait for what only `reset` gives."""
+    """Sets a status bit before `init`, and while states wait for `reset`."""
     interface = writer.interface
     if not interface.has_state:
         return
@@ -39,37 +39,37 @@ def report_unready(writer: FunctionWriter) -> None:
 
 
 def report_not_a_number(writer: FunctionWriter, values: ArrayView) -> None:
-    """Sets a bit where the next value of a saturated state is NaN."""
-    # an infinity is within: it is kept at its end of the range, and only NaN has no end
+    """Sets a status bit if the next value of a saturated state is NaN."""
+    # ±∞ is limited to the range, so only NaN is reported
     report_outside(writer, values, (-math.inf, math.inf), StatusBit.STATE_OUT_OF_RANGE)
 
 
 def report_first_states(writer: FunctionWriter) -> None:
-    """Reports states that are out of order before the first step, with all their samples."""
+    """Reports states out of range before the first step, including all samples of buffers."""
     for check in writer.interface.checks:
         report_outside(writer, check.memory.samples, check.limits, check.bit)
 
 
 def restart_name(writer: FunctionWriter, memory: PlainState) -> str:
-    """The function that takes a state back to its `init`."""
+    """The name of the function that sets a state to its `init`."""
     return f"{writer.interface.prefix}_restart_{memory.identifier}"
 
 
 def report_next_states(writer: FunctionWriter) -> None:
-    """Reports states that a step left out of order; `on_range: reset` takes them back to `init`."""
+    """Reports states out of range after a step; `on_range: reset` sets them to their `init`."""
     for check in writer.interface.checks:
         memory = check.memory
         if memory.state.on_range == "saturate":
-            continue  # it is inside, and what it would have been was looked at
+            continue  # it is within the range, and the value before the limit was checked
         if memory.state.on_range == "reset":
-            assert isinstance(memory, PlainState)  # as every declared state is
+            assert isinstance(memory, PlainState)  # true for every declared state
             _restart(writer, check, memory)
         else:
             report_outside(writer, check.place, check.limits, check.bit)
 
 
 def _restart(writer: FunctionWriter, check: StateCheck, memory: PlainState) -> None:
-    """Takes a state with all its elements back where one of them is outside."""
+    """Resets all elements of a state if one of them is out of range."""
     scope, functions = writer.scope, writer.model.functions
     restart = c.Evaluate(c.Call(restart_name(writer, memory), writer.instance()))
     values = memory.samples
@@ -94,7 +94,7 @@ def _restart(writer: FunctionWriter, check: StateCheck, memory: PlainState) -> N
 def _restart_in_constant_time(
     writer: FunctionWriter, check: StateCheck, memory: PlainState, restart: c.Statement
 ) -> None:
-    """Computes the first value in every step, and chooses between it and the next one."""
+    """Computes the initial value in every step, and selects between it and the next value."""
     scope, functions, values = writer.scope, writer.model.functions, memory.samples
     left = c.Name(scope.fresh(f"{memory.identifier}_left"))
     scope.add(c.Declare(c.CType.UNSIGNED, left.text, c.Unsigned(0)))
@@ -114,7 +114,7 @@ def _restart_in_constant_time(
         inner.assign(now, functions.select("real", inside, kept.element(indices), now))
 
     scope.each(memory.shape, writer.unroll, look)
-    # before `restart` writes over them
+    # before `restart` overwrites them
     copy_value(values, kept, scope, writer.unroll)
     scope.add(restart)
     scope.each(memory.shape, writer.unroll, choose)

@@ -16,7 +16,7 @@ _VECTOR = "v"
 
 
 def vector_functions(interface: Interface, jacobian: JacobianInterface) -> list[Function]:
-    """`get_state` and the like, for each vector that has numbers; x and p also `set_…`."""
+    """`get_state` and so on, for each nonempty vector; for x and p also `set_…`."""
     functions: list[Function] = []
     for vector in jacobian.vectors:
         match vector.letter:
@@ -42,7 +42,7 @@ def _get_state(interface: Interface, vector: VectorNames) -> Function:
     def write(scope: BlockScope) -> None:
         listed = _listed(interface, vector)
         for memory in listed:
-            # rings: where their oldest sample is must be known before any is read
+            # rings: the head must be read before the samples
             if not isinstance(memory, PlainState | DelayLine):
                 memory.begin(scope)
         for memory in listed:
@@ -59,9 +59,8 @@ def _set_state(interface: Interface, vector: VectorNames) -> Function:
         for memory in listed:
             source = vector.place(_VECTOR, memory.state.name, memory.shape)
             memory.write_start(source, scope, interface.options.unroll)
-        if interface.from_record:  # what waited for its values has them
-            # bits go out and none comes in: a vector cannot make an instance ready that `init` has
-            # never seen
+        if interface.from_record:  # the states are no longer unset
+            # only clears bits: setting a vector does not replace `init`
             ready = Member("s", interface.ready)
             scope.add(Assign(ready, Binary("&", ready, Unsigned(_waiting(interface, listed)))))
 
@@ -77,7 +76,7 @@ def _listed(interface: Interface, vector: VectorNames) -> list[StateMemory]:
 
 
 def _waiting(interface: Interface, listed: Iterable[StateMemory]) -> int:
-    """The bits of `ready` that stay when these states are set."""
+    """The bits of `ready` that remain after these states are set."""
     rest = interface.from_record - {memory.state.name for memory in listed}
     kept = INITIALISED | (BUFFERS_EMPTY if rest & interface.filled_by_first else 0)
     return kept | (STATES_UNSET if rest - interface.filled_by_first else 0)
@@ -119,13 +118,15 @@ def _function(
     doc: str,
     write: Callable[[BlockScope], None],
 ) -> Function:
-    """A function of a struct and a vector; one of them is only read, and `struct` says whether it
-    is that: `const ` or nothing, its type and its name."""
+    """A function that copies between a struct and a vector.
+
+    `struct` has `const ` (the struct is read) or nothing, its type and its name.
+    """
     prefix = interface.prefix
     scope = BlockScope(LocalNames(prefix))
     scope.reserve(_VECTOR)
     write(scope)
-    # what is const of the two says which way numbers go
+    # the source is const
     constant, type, base = struct
     arguments = (
         Argument(f"{constant}{prefix}_{type}_t *", base),

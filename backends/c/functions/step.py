@@ -1,4 +1,4 @@
-"""Writes the step: check inputs, compute, give outputs, then commit all states at once."""
+"""Writes the step: check inputs, compute, write outputs, then commit all states together."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from compiler.passes.analyses.saturation import unsaturated
 
 
 def step_function(program: Program, model: ControllerCode) -> c.Function:
-    """`<prefix>_step(s, p, u, y)`: one step; returns what was out of order."""
+    """`<prefix>_step(s, p, u, y)`: one step; returns status bits."""
     writer = _StepWriter(model, program.step)
     writer.begin()
     roots = seen_values(program) + [joining(memory) for memory in model.interface.states]
     interface = model.interface
-    # which sets are active depends on the numbers
+    # the set of active fuzzy sets depends on the data
     constant_time = interface.options.constant_time
-    # with none of them every membership is computed: as much work in each step
+    # in constant time every membership is computed in each step
     active = ActiveSums() if constant_time else find_active_sums(program.step, roots)
     moving = shifting_sums(program.step, roots, interface.states, writer.unroll)
     lowered = GraphLowering(
@@ -45,7 +45,7 @@ def step_function(program: Program, model: ControllerCode) -> c.Function:
         lowered.store(output.node, field.place("y"))
     writer.check_equations(program, lowered)
     writer.check_saturated(program, lowered)
-    # states together and last: every output and next state has been made of the old ones (R1)
+    # states are committed last: outputs and next states use the old values (R1)
     writer.commit(lowered, moved={memory.state.name for memory in moving.values()})
     report_next_states(writer)
     writer.scope.add(c.Return(c.Name("status")))
@@ -64,7 +64,7 @@ class _StepWriter(FunctionWriter):
         self._empty = set(model.interface.filled_by_first)
 
     def begin(self) -> None:
-        """Status, heads of rings, checked inputs, and whether the states are set."""
+        """Writes the status, heads of rings and checked inputs, and reports unset states."""
         interface, scope = self.interface, self.scope
         if not interface.inputs:
             scope.add(c.Discard("u"))
@@ -83,23 +83,23 @@ class _StepWriter(FunctionWriter):
             self.inputs[input.port.signal.name] = checked_input(
                 input, self.model.functions, scope, self.unroll
             )
-        report_unready(self)  # last, so that compilers join it with filling the buffers
+        report_unready(self)  # last, so that compilers merge it with filling the buffers
 
     def before_push(self, memory: Buffer, newest: ArrayView) -> None:
         if memory.state.name in self._empty:
             inner = self.scope.inner()
             memory.fill(newest, inner, self.unroll)
             self._empty.remove(memory.state.name)
-            # the last one clears the mark: in the first step each is filled where it is pushed
+            # the last buffer clears the mark: in the first step each is filled at its push
             if not self._empty:
                 filled = c.Unsigned(INITIALISED | STATES_UNSET)
                 inner.assign(self._ready, c.Binary("&", self._ready, filled))
             self.scope.add(c.If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
 
     def commit(self, lowered: GraphLowering, moved: set[str]) -> None:
-        """Replaces the states; what is made of old states is computed before the first of them.
+        """Replaces the states, after computing all values that depend on old states.
 
-        Buffers that have `moved` while a sum read them are left as they are.
+        Buffers in `moved` were shifted by a sum that read them and are skipped.
         """
         interface = self.interface
         following: list[tuple[PlainState | DelayLine, ArrayView]] = []
@@ -109,19 +109,19 @@ class _StepWriter(FunctionWriter):
             if isinstance(memory, PlainState | DelayLine):
                 node, name = joining(memory), f"{memory.state.name}_next"
                 place = lowered.place(node, name)
-                # a state that stays what it is takes no statement
+                # a constant state needs no statement
                 if place != memory.samples:
-                    # another state as it is: it may be replaced before it is read
+                    # the old value of another state, which may be replaced first: copy it
                     if isinstance(place.storage, c.Member) and place.storage.base == "s":
                         place = lowered.copy(node, name)
                     following.append((memory, place))
-        # only now: each of these may read a state that another replaces
+        # after all copies, as a value may be an old state that another statement replaces
         for memory, place in following:
             memory.write(place, self.scope, self.unroll)
         for memory in interface.states:
             if not isinstance(memory, PlainState | DelayLine) and memory.state.name not in moved:
                 memory.commit(self.scope, self.unroll)
-        assert not self._empty  # every one was pushed, so that its bit is gone after a step
+        assert not self._empty  # all buffers were pushed, so the bit is cleared after a step
 
     def check_equations(self, program: Program, lowered: GraphLowering) -> None:
         """Reports equations outside their range."""
@@ -132,7 +132,7 @@ class _StepWriter(FunctionWriter):
             report_outside(self, value, entry.range, StatusBit.EQUATION_OUT_OF_RANGE)
 
     def check_saturated(self, program: Program, lowered: GraphLowering) -> None:
-        """Reports saturated states that keep their value because the next one is NaN."""
+        """Reports saturated states that keep their old value because the next one is NaN."""
         for name, node in unsaturated(program).items():
             self.comment(f"next value of {name}: a number")
             report_not_a_number(self, lowered.place(node, f"{name}_unsaturated"))

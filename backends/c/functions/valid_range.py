@@ -1,4 +1,4 @@
-"""Tests whether numbers lie in a range, and reports those that do not."""
+"""Tests if values are within a range, and reports those that are not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from backends.c_language.tree import Binary, Expression, If, Name, Real, SetBits
 
 
 def within(value: Expression, low: float, high: float, functions: FunctionTable) -> Expression:
-    """low ≤ value ≤ high, false for NaN; of a range around 0 in one comparison."""
+    """low ≤ value ≤ high, False for NaN; a symmetric range needs one comparison."""
     if low == -high:
         return Binary("<=", functions.library("abs", (value,)), Real(high))
     return Binary("&&", Binary(">=", value, Real(low)), Binary("<=", value, Real(high)))
@@ -20,7 +20,7 @@ def within(value: Expression, low: float, high: float, functions: FunctionTable)
 def report_outside(
     writer: FunctionWriter, values: ArrayView, limits: tuple[float, float], bit: StatusBit
 ) -> None:
-    """Sets a bit of the status where an element is not within the limits, as NaN never is."""
+    """Sets a status bit if an element is outside the limits; NaN always is."""
     low, high = limits
     functions = writer.model.functions
     macro = Name(status_macro(writer.interface.prefix, bit))
@@ -32,7 +32,7 @@ def report_outside(
             scope.add(SetBits(Name("status"), Binary("*", outside, macro)))
             return
         valid = within(value, low, high, functions)
-        # not `value < low || value > high`: NaN is neither and would count as valid
+        # not `value < low || value > high`, which is false for NaN
         scope.add(If(Unary("!", valid), (SetBits(Name("status"), macro),)))
 
     writer.scope.each(values.shape, writer.unroll, check)

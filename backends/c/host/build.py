@@ -1,4 +1,4 @@
-"""Builds generated C with a compiler of this machine; a process compiles no file twice."""
+"""Builds generated C with a compiler on this machine; objects are cached within the process."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from backends.files.compiler_words import complaints
 from backends.files.run_compiler import CompilerTooSlowError, has_room, run_compiler
 
 LEVEL = "-O2"
-"""How libraries are optimised that run along the records of users."""
+"""Optimisation level of libraries that run on recordings of users."""
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)', re.MULTILINE)
 
 
 class CompilerFailedError(Exception):
-    """The compiler rejected the sources, could not work or hung.
+    """The compiler rejected the sources, failed or timed out.
 
-    `compiler` is its command without our flags, `said` are its complaints or how long it had, at
-    least one, and `remedy` is what may help.
+    `compiler` is its command without the flags of msnn. `said` has at least one line: its messages,
+    or the time limit. `remedy` is a suggestion.
     """
 
     def __init__(
@@ -47,13 +47,11 @@ def build_library(
     compiler: Sequence[str] | None = None,
     flags: Sequence[str] | None = None,
 ) -> Path:
-    """Compiles the sources of a folder that `write_c` wrote into a shared library; its path.
+    """Compiles the sources of a folder that `write_c` wrote to a shared library; returns its path.
 
-    `flags` are those of `LEVEL` where none are given. Raises CompilerMissingError and
-    CompilerFailedError.
+    The default of `flags` is `LEVEL`. Raises CompilerMissingError and CompilerFailedError.
     """
-    # contraction to fused operations rounds once where the interpreter rounds twice: bits would
-    # differ
+    # contraction to fused operations would round differently from the interpreter
     own = (LEVEL,) if flags is None else flags
     head = [*(compiler or find_compiler()), "-std=c99", *own, "-ffp-contract=off", "-fPIC"]
     sources = sorted((folder / "src").glob("*.c"))
@@ -67,17 +65,16 @@ def link_library(
     library: Path,
     *flags: str,
 ) -> Path:
-    """A shared library of sources whose headers lie in `folders`; its path.
+    """Builds a shared library from sources with headers in `folders`; returns its path.
 
-    `head` is the compiler with flags for compiling and linking, `flags` are for linking alone.
-    Raises CompilerFailedError with what the compiler said, also where it takes too long.
+    `head` is the compiler with flags for compiling and linking; `flags` are for linking only.
+    Raises CompilerFailedError with the compiler's messages, also for a timeout.
     """
     installed = installed_as(tuple(head))
     with TemporaryDirectory(prefix="msnn-objects-") as place:
         objects: list[str] = []
         for path in sources:
-            # the key of the cache holds what is read, never where it lies: temporary folders have
-            # new names
+            # the cache key has the contents, not the paths: temporary folders have new names
             texts: dict[Path, str] = {}
             _read(path, folders, texts)
             source = _Source(tuple(texts.values()), path, tuple(folders))
@@ -86,14 +83,14 @@ def link_library(
             with naming(copy):
                 copy.write_bytes(made)
             objects.append(str(copy))
-        # who links no C library names the ones that he wants
+        # without the C library, the caller names the libraries
         usual = () if "-nostdlib" in head else ("-lm",)
         return compiled([*head, "-shared", *flags, *objects], library, *usual)
 
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """A file of C and what it includes: alike files give one object wherever they lie."""
+    """A C file and its headers; equal contents give the same object in any folder."""
 
     texts: tuple[str, ...]
     path: Path = field(compare=False)
@@ -101,9 +98,9 @@ class _Source:
 
 
 def _read(path: Path, folders: Sequence[Path], texts: dict[Path, str]) -> None:
-    """Adds the file and, of those that it includes, the ones that are not the system's.
+    """Adds the file and the headers that it includes, except system headers.
 
-    Two of them may have one name: `src/` has a header that sends to that of `include/`.
+    Two headers may have the same name: one in `src/` can include that of `include/`.
     """
     texts[path] = path.read_text(encoding="utf-8")
     for name in _INCLUDE.findall(texts[path]):
@@ -113,7 +110,7 @@ def _read(path: Path, folders: Sequence[Path], texts: dict[Path, str]) -> None:
             _read(header, folders, texts)
 
 
-# see decisions/0364: a model is compiled for its golden steps, for both versions of FMI and for
+# see decisions/0364: a model is compiled for golden steps, for both FMI versions and for
 # comparisons
 @lru_cache(maxsize=256)
 def _object(source: _Source, head: tuple[str, ...], _installed: tuple[int, ...]) -> bytes:
@@ -124,7 +121,7 @@ def _object(source: _Source, head: tuple[str, ...], _installed: tuple[int, ...])
 
 
 def compiled(command: Sequence[str], result: Path, *libraries: str) -> Path:
-    """The file that a command of the compiler writes. Raises CompilerFailedError and OSError."""
+    """Runs a compiler command; returns the file. Raises CompilerFailedError and OSError."""
     whole = [*command, "-o", str(result), *libraries]
     try:
         done = run_compiler(whole)
@@ -133,7 +130,7 @@ def compiled(command: Sequence[str], result: Path, *libraries: str) -> Path:
     if done.code != 0:
         output = done.errors + done.output
         if not complaints(output):
-            # its words are kept where it writes: a full disk takes neither
+            # a full disk also loses its messages
             has_room(result.parent)
         raise CompilerFailedError(whole, output)
     return result

@@ -1,4 +1,4 @@
-"""Steps a program in the interpreter as its C would: policies of inputs, states that wait."""
+"""Steps a program in the interpreter like its C code: input policies and unset states."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Array = NDArray[Any]
 
 
 class InterpretedStep:
-    """One instance of a program in step form, in the arithmetic of its C.
+    """One instance of a program in step form, with the arithmetic of its C code.
 
     `inputs` and `outputs` are the values of the step as one array of reals, field after field.
     """
@@ -49,7 +49,7 @@ class InterpretedStep:
         self._program, self._interface = program, interface
         self._dtype: Dtype = interface.options.dtype
         real = ctypes.c_float if self._dtype == "float32" else ctypes.c_double
-        # at least one: numpy makes no view of an empty buffer
+        # at least one: numpy cannot view an empty buffer
         self.inputs = (real * max(sum(input.field.size for input in interface.inputs), 1))()
         self.outputs = (real * max(sum(field.size for field in interface.outputs), 1))()
         self._given = _parts(self.inputs, [input.field for input in interface.inputs], self._dtype)
@@ -66,7 +66,7 @@ class InterpretedStep:
         self._first: dict[str, Array] = {}
         self._seen: dict[str, Array] = {}
         self.waiting = 0
-        """Bits as those of the field `ready` in C."""
+        """The bits of the field `ready` in C."""
         self.init()
 
     def init(self) -> None:
@@ -76,7 +76,7 @@ class InterpretedStep:
             state.name: np.zeros((1, *(axis.size for axis in state.axes)), self._dtype)
             for state in self._program.states
         }
-        # without any log, as `init` of the C has none
+        # without a log, like `init` in C
         known = self._without.start({}, 0)
         self._states = {name: known.get(name, value) for name, value in zeros.items()}
         self._states = emptied(interface, self._states)
@@ -85,11 +85,10 @@ class InterpretedStep:
         self.waiting |= STATES_UNSET if interface.from_record - interface.filled_by_first else 0
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
-        """Sets all states, from samples around the first step; its status bits."""
+        """Sets all states from samples around the first step; returns status bits."""
         bits = StatusBit(0)
         ports = {field.name: port for field, port in self._interface.windows}
-        # the first step stands in that row, so that the oldest sample of any port is in row 0 or
-        # later
+        # the row of the first step, so that the oldest sample of any port is in row 0 or later
         row = max([0, *(-port.first for port in ports.values())])
         log: dict[str, Array] = {}
         for name, port in ports.items():
@@ -97,7 +96,7 @@ class InterpretedStep:
             single = port.first == port.last
             samples = values[np.newaxis] if single else np.moveaxis(values, -1, 0)
             checked, said = apply_policy_to_window(port.signal, samples, self._dtype)
-            # zeros beyond the window: no start reads them
+            # zeros outside the window, which no start reads
             log[name] = np.zeros((row + max(port.last, 0) + 1, *checked.shape[1:]), self._dtype)
             log[name][row + port.first : row + port.last + 1] = checked
             bits |= said
@@ -109,7 +108,7 @@ class InterpretedStep:
         return int(bits | first_state_bits(self._interface, self._states))
 
     def step(self) -> int:
-        """Outputs of the inputs that stand in `inputs`; status bits."""
+        """Runs a step from `inputs` to `outputs`; returns status bits."""
         bits = StatusBit(0)
         for input in self._interface.inputs:
             name, signal = input.field.name, input.port.signal
@@ -125,15 +124,15 @@ class InterpretedStep:
                 self._judge, self._interface, self._states, (log, row), [0]
             )
             self.waiting &= ~BUFFERS_EMPTY
-        found = self._judge.step(log, row, self._states, losses=False)
+        values = self._judge.step(log, row, self._states, losses=False)
         for name, place in self._answers.items():
-            place[...] = found.outputs[name][0]
-        bits |= equation_bits(self._program, found.outputs, self._dtype)
-        bits |= saturation_bits(self._program, found.outputs)
-        bits |= next_state_bits(self._interface, found.next_states)
-        again = restarted(self._interface, found.next_states, self._first)
-        # after the bits were told: they are of what the step computed
-        self._states = {**found.next_states, **again}
+            place[...] = values.outputs[name][0]
+        bits |= equation_bits(self._program, values.outputs, self._dtype)
+        bits |= saturation_bits(self._program, values.outputs)
+        bits |= next_state_bits(self._interface, values.next_states)
+        again = restarted(self._interface, values.next_states, self._first)
+        # after the status bits, which describe the computed states
+        self._states = {**values.next_states, **again}
         return int(bits)
 
     def states(self) -> dict[str, Array]:
@@ -148,11 +147,11 @@ class InterpretedStep:
         }
 
     def no_longer_waits(self, bits: int) -> None:
-        """Takes bits away from `waiting`."""
+        """Clears bits of `waiting`."""
         self.waiting &= ~bits
 
     def _begin(self) -> None:
-        """Remembers what there is before the first step."""
+        """Stores the values before the first step."""
         restarting = {s.name for s in self._program.states if s.on_range == "reset"}
         self._first = {n: value for n, value in self._states.items() if n in restarting}
         self._seen = {
@@ -162,7 +161,7 @@ class InterpretedStep:
 
 
 def _parts(memory: Any, fields: Iterable[Field], dtype: Dtype) -> dict[str, Array]:
-    """Views of the fields that stand in the memory one after the other."""
+    """Views of consecutive fields in the memory."""
     numbers = np.frombuffer(memory, dtype)
     found: dict[str, Array] = {}
     begin = 0

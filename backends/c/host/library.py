@@ -1,4 +1,4 @@
-"""Calls a generated model from numpy: its state struct and the functions of its built library."""
+"""Calls a generated model from numpy, through its struct layouts and its shared library."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ from backends.c.host.struct_memory import NUMBERS, Array, StateStruct, StructMem
 class CStep:
     """One instance of a model.
 
-    `layout` is what the JSON file of the folder says of its C. Values go by their names in the
-    spec, in the shape of the port. ValueError for a missing or unknown name or a wrong shape.
-    `weights` take the place of the trained values in the library, where these are no part of its
-    code.
+    `layout` is the description of the C code in the folder's JSON file. Values are passed by their
+    names in the spec, in the shape of the port. Raises ValueError for a missing or unknown name or
+    a wrong shape. `weights` replace the trained values, unless these are inlined in the code.
     """
 
     def __init__(
@@ -30,12 +29,12 @@ class CStep:
         weights: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         self._prefix: str = layout["prefix"]
-        # a float model has reals, one in fixed point has words and sums: never both
+        # a float model has reals; a fixed-point model has words and sums
         types = NUMBERS[layout["dtype"]]
         self.dtype = np.dtype(types.get("real", types.get("word")))
-        """Of inputs and outputs; in fixed point they are words."""
+        """Type of inputs and outputs; integers in fixed point."""
         self.status_bits: dict[str, int] = layout["status"]
-        """Bits of step and self-test by the names of their macros."""
+        """Bits of step and self-test, by the names of their macros."""
         self._structs = {
             name: StructMemory(fields, types) for name, fields in layout["structs"].items()
         }
@@ -48,17 +47,17 @@ class CStep:
 
     @classmethod
     def of_folder(cls, folder: Path, library: Path) -> CStep:
-        """An instance of what `write_c` wrote and `build_library` compiled."""
+        """An instance of a model that `write_c` wrote and `build_library` compiled."""
         return cls(_layout(folder), ctypes.CDLL(str(library)))
 
     @property
     def start_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of what `reset` takes, by name."""
+        """Shapes of the arguments of `reset`, by name."""
         return self._structs["init"].shapes
 
     @property
     def input_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of what `step` takes, by name."""
+        """Shapes of the arguments of `step`, by name."""
         return self._structs["in"].shapes
 
     def init(self) -> None:
@@ -66,7 +65,7 @@ class CStep:
         self._function("init")(*self.instance)
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
-        """Sets all states, from samples around the first step; its status bits."""
+        """Sets all states from samples around the first step; returns status bits."""
         start = self._structs["init"].filled(windows, 1)
         reset = self._function("reset", ctypes.c_uint32)
         return int(reset(*self.instance, start.ctypes.data))
@@ -85,8 +84,8 @@ class CStep:
         outputs = self._structs["out"].new(steps)
         status = np.zeros(steps, np.uint32)
         instance = self.instance
-        if hasattr(self._library, f"{self._prefix}_run"):  # the loop of the FFI was built too
-            # one call instead of one for each step: ctypes takes longer than a step
+        if hasattr(self._library, f"{self._prefix}_run"):  # built with the loop of the FFI
+            # one call for all steps: a ctypes call is slower than a step
             addresses = (given.ctypes.data, outputs.ctypes.data, status.ctypes.data)
             self._function("run")(*instance, *addresses, steps)
             return self._structs["out"].values(outputs), status
@@ -97,7 +96,7 @@ class CStep:
         return self._structs["out"].values(outputs), status
 
     def linearize(self, inputs: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
-        """The matrices of the step that would follow, and status bits; the state stays as it is."""
+        """The matrices of the next step and status bits; the state does not change."""
         given = self._structs["in"].filled(inputs, 1)
         slopes = self._structs["jacobian"].new(1)
         call = self._function("linearize", ctypes.c_uint32)
@@ -106,18 +105,21 @@ class CStep:
         return {name: value[0] for name, value in values.items()}, int(status)
 
     def get_state(self, numbers: int) -> Array:
-        """The vector x of the Jacobian, of so many numbers."""
+        """The vector x of the Jacobian, with `numbers` elements."""
         x = np.zeros(numbers, self.dtype)
         self._function("get_state")(self._state.ctypes.data, x.ctypes.data)
         return x
 
     def set_state(self, x: ArrayLike) -> None:
-        """Replaces all that is remembered by the vector x."""
+        """Sets all memory of the model from the vector x."""
         values = np.ascontiguousarray(x, self.dtype)
         self._function("set_state")(self._state.ctypes.data, values.ctypes.data)
 
     def tune(self, parameters: Mapping[str, ArrayLike]) -> None:
-        """Changes parameters of this instance alone."""
+        """Changes parameters of this instance only.
+
+        Raises ValueError if they are inlined in the code.
+        """
         if self._parameters is None:
             raise ValueError("the parameters of this code are written into it")
         struct = self._structs["params"]
@@ -125,7 +127,7 @@ class CStep:
         self._parameters = struct.filled(current | dict(parameters), 1)
 
     def states(self) -> dict[str, Array]:
-        """The values of all states, buffers oldest sample first; of no state in fixed point."""
+        """The values of all states, buffers with the oldest sample first; empty in fixed point."""
         return self._states.values(self._state[0])
 
     def set_states(self, values: Mapping[str, ArrayLike]) -> None:
@@ -133,15 +135,15 @@ class CStep:
         self._states.fill(self._state[0], values)
 
     def word(self, field: str) -> int:
-        """A number of the state struct that the spec does not name."""
+        """An internal field of the state struct, which the spec does not name."""
         return int(self._state[0][field])
 
     def set_word(self, field: str, value: int) -> None:
-        """Writes such a number."""
+        """Writes an internal field of the state struct."""
         self._state[0][field] = value
 
     def selftest(self) -> int:
-        """Bits of the self-test; 0 if all is well."""
+        """Bits of the self-test; 0 means success."""
         return int(self._function("selftest", ctypes.c_uint32)())
 
     def _own_parameters(self, weights: Mapping[str, ArrayLike] | None) -> Array:
@@ -149,14 +151,14 @@ class CStep:
         if weights is not None:
             return struct.filled({name: weights[name] for name in struct.shapes}, 1)
         first = ctypes.c_char.in_dll(self._library, f"{self._prefix}_params_default")
-        # a copy: the constant of the library is shared by all instances, and read-only
-        # with a length: numbers have bytes of 0, at the first of which a text would end
+        # a copy: all instances share the read-only constant of the library; the size is needed
+        # since the bytes contain zeros
         text = ctypes.string_at(ctypes.addressof(first), struct.dtype.itemsize)
         return np.frombuffer(text, struct.dtype)
 
     @property
     def instance(self) -> tuple[int, ...]:
-        """The addresses that every function takes first."""
+        """The addresses of state and parameters, the first arguments of every function."""
         state = self._state.ctypes.data
         return (state,) if self._parameters is None else (state, self._parameters.ctypes.data)
 
@@ -164,7 +166,7 @@ class CStep:
         function = getattr(self._library, f"{self._prefix}_{name}")
         function.restype = result
 
-        # as void pointers: a plain integer would be passed as a C int and lose its upper half
+        # as void pointers: ctypes passes a plain integer as a C int without its upper half
         def call(*addresses: int) -> Any:
             return function(*map(ctypes.c_void_p, addresses))
 

@@ -1,4 +1,4 @@
-"""Reads and writes the structs of generated C as they lie in memory."""
+"""Reads and writes the memory of the structs of generated C."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 class StructMemory:
-    """A struct of the header as a numpy type; `align` places fields as C compilers do."""
+    """A struct of the header as a numpy type; `align` pads fields like C compilers."""
 
     def __init__(self, fields: list[dict[str, Any]], types: Mapping[str, str]) -> None:
         kinds = {**types, "uint32": "uint32"}
@@ -32,14 +32,14 @@ class StructMemory:
         return np.zeros(count, self.dtype)
 
     def filled(self, values: Mapping[str, ArrayLike], count: int) -> Array:
-        """Structs with the values; a single one takes them without the axis of the series."""
+        """Structs with the values; for a single struct the axis of the series may be missing."""
         if values.keys() != self._fields.keys():
             expected, given = sorted(self._fields), sorted(values)
             raise ValueError(f"values wanted for {expected}, given for {given}")
         structs = self.new(count)
         for name, value in values.items():
             target = structs[self._fields[name]["field"]]
-            # a series has one axis more than a field: (count, *shape)
+            # a series has an additional axis: (count, *shape)
             array = np.asarray(value)
             shape = target.shape if array.ndim == target.ndim else target.shape[1:]
             if array.shape != shape or (shape != target.shape and count != 1):
@@ -60,13 +60,13 @@ NUMBERS: dict[str, dict[str, str]] = {
         for name, each in ARITHMETICS.items()
     },
 }
-"""Types of fields by the type of a program's numbers."""
+"""Types of fields, by the number format of a program."""
 
 
 class StateStruct:
-    """The state struct of a model: where the values of its states lie in it.
+    """The state struct of a model, with the places of its states.
 
-    `layout` is what the JSON file of the folder says of its C.
+    `layout` is the description of the C code in the folder's JSON file.
     """
 
     def __init__(self, layout: Mapping[str, Any]) -> None:
@@ -74,7 +74,7 @@ class StateStruct:
         self._states: list[dict[str, Any]] = layout.get("states", [])
 
     def values(self, memory: Any) -> dict[str, Array]:
-        """The values of all states, buffers oldest sample first; of no state in fixed point."""
+        """The values of all states, buffers with the oldest sample first; empty in fixed point."""
         return {state["name"]: _value_of(state, memory) for state in self._states}
 
     def fill(self, memory: Any, values: Mapping[str, ArrayLike]) -> None:
@@ -85,7 +85,7 @@ class StateStruct:
 
 
 def _value_of(state: dict[str, Any], memory: Any) -> Array:
-    """The value of a state from the struct; a buffer has room for one sample more than it keeps."""
+    """The value of a state from the struct; a buffer has room for one additional sample."""
     stored, shape = memory[state["field"]], tuple(state["shape"])
     if state["kind"] == "plain":
         return stored.reshape(shape).copy()
@@ -98,7 +98,7 @@ def _value_of(state: dict[str, Any], memory: Any) -> Array:
 
 
 def _set_value(state: dict[str, Any], memory: Any, value: Array) -> None:
-    """Writes the value of a state into the struct; a ring holds every sample twice."""
+    """Writes the value of a state to the struct; a ring stores every sample twice."""
     if state["kind"] == "plain":
         memory[state["field"]] = value.reshape(memory[state["field"]].shape)
         return
@@ -107,7 +107,7 @@ def _set_value(state: dict[str, Any], memory: Any, value: Array) -> None:
     if state["kind"] == "shift":
         stored[..., :kept] = value
         return
-    # the oldest sample of a ring is one behind its head, so that it begins at 1
+    # the oldest sample of a ring is one after its head, so it begins at index 1
     memory[state["head"]] = 0
     stored[..., 1 : kept + 1] = value
     stored[..., kept + 2 :] = value

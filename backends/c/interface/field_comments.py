@@ -1,4 +1,4 @@
-"""Describes each field of the header: unit, limits, axes, meaning, line of the spec."""
+"""Writes the comment of each field of the header: unit, limits, axes, meaning, spec line."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def input_comment(port: Port) -> str:
 
 
 def window_comment(port: Port) -> str:
-    """The comment of raw samples around t0."""
+    """The comment of recorded samples around t0."""
     signal = port.signal
     when = _samples("t0", port.first, port.last)
     return _comment(signal.unit, port.type.axes, (when, signal.doc), signal.span)
@@ -40,11 +40,10 @@ def supplied_comment(state: State) -> str:
 def output_comment(
     output: Output, type: Type, limits: tuple[float, float] | None, late: int
 ) -> str:
-    """The comment of an output that is so many samples older than the inputs of its step."""
+    """The comment of an output, which is `late` samples older than the inputs of its step."""
     means = ""
     if output.predicts is not None:
-        # counted from the newest input of the step, t: a step that is late predicts less far ahead
-        # of it
+        # relative to the newest input of the step, t: a late step predicts less far ahead
         ahead = output.predicts.ahead - late
         means = f"predicts {output.predicts.signal}[t{f'{ahead:+d}' if ahead else ''}]"
     return _comment(type.unit, type.axes, (_limits(limits), means, output.doc), output.span)
@@ -72,7 +71,7 @@ def _comment(
     unit: Unit | None, axes: Sequence[Axis], facts: Sequence[str], span: Span | None
 ) -> str:
     parts = [f"[{unit.text}]"] if unit is not None else []
-    # the one axis of a vector has its size in the declaration
+    # the declaration shows the size of a single axis
     if len(axes) > 1:
         sizes = [f"{axis.name if axis.name != WINDOW else 't'} {axis.size}" for axis in axes]
         parts.append(f"{' x '.join(sizes)};")
@@ -83,11 +82,11 @@ def _comment(
 
 
 def _limits(range: tuple[float, float] | None) -> str:
-    # nine digits tell every float32 from its neighbours
+    # nine digits identify every float32
     return "" if range is None else f"{range[0]:.9g} .. {range[1]:.9g}"
 
 
 def _samples(now: str, first: int, last: int) -> str:
-    """`samples t-3 .. t` for a window, `sample t-3` for one that is late."""
+    """`samples t-3 .. t` for a window, `sample t-3` for a delayed sample."""
     begin, end = (f"{now}{offset:+d}" if offset else now for offset in (first, last))
     return f"sample {end}" if first == last else f"samples {begin} .. {end}"

@@ -1,4 +1,4 @@
-"""Plans what the generated C shows to its user: its structs and their fields."""
+"""Plans the interface of the generated C: its structs and their fields."""
 
 from __future__ import annotations
 
@@ -63,17 +63,17 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class InputField:
-    """An input with what the step does about its values."""
+    """An input and its memory for invalid values."""
 
     field: Field
     port: Port
     held: str | None
-    """Field of the state struct that keeps the last valid value, where the policy is `hold`."""
+    """Field of the state struct with the last valid value, for the policy `hold`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interface:
-    """The structs of one program, fields in the order in which they are declared."""
+    """The structs of one program, with fields in the order of their declaration."""
 
     model: str
     """Name of the program."""
@@ -84,45 +84,48 @@ class Interface:
     parameters: tuple[Field, ...]
     states: tuple[StateMemory, ...]
     windows: tuple[tuple[Field, Port], ...]
-    """Raw samples around t0 that `reset` computes states from."""
+    """Samples around t0 from which `reset` computes states."""
     supplied: tuple[tuple[Field, State], ...]
-    """States that start from future samples, as fitted ones do: `reset` takes their values."""
+    """States whose start depends on future samples, such as fitted ones: `reset` receives their
+    values."""
     from_record: frozenset[str]
-    """States that only `reset` can set; `init` cannot know them."""
+    """States that need recorded samples: only `reset` can set them, not `init`."""
     ready: str
-    """Field of the state struct that says what was set; there if `has_state`."""
+    """Field of the state struct that marks initialised states; exists if `has_state`."""
     checks: tuple[StateCheck, ...]
-    """What step and reset say of the states that they computed."""
+    """Checks of the states that step and reset compute."""
     checks_equations: bool
-    """Whether the step reports equations outside their range."""
+    """True if the step reports equations outside their range."""
     late: int
-    """Samples by which outputs are older than the inputs of their step."""
+    """Number of samples by which outputs are older than the inputs of their step."""
     jacobian: JacobianInterface | None
-    """None where no Jacobian is asked for."""
+    """None if no Jacobian is requested."""
 
     @property
     def has_state(self) -> bool:
-        """Whether the state struct has a field of its own."""
+        """True if the state struct has at least one field."""
         return bool(self.states) or any(input.held for input in self.inputs)
 
     @property
     def calibrates(self) -> bool:
-        """Whether a variable in a section of its own holds the parameters and their checksum."""
+        """True if a variable in a separate section contains the parameters and their checksum."""
         return self.takes_parameters and self.options.params == "calibration"
 
     @property
     def calibration_section(self) -> str:
-        """Scripts that list `.data.*` load it with other data; others can place it alone."""
+        """Name of the section; linker scripts that list `.data.*` include it, others can place
+        it.
+        """
         return f".data.{self.prefix}_calibration"
 
     @property
     def takes_parameters(self) -> bool:
-        """Whether functions take a pointer to parameters."""
+        """True if functions have a pointer to parameters."""
         return bool(self.parameters) and self.options.params != "inline"
 
     @property
     def hashes_slopes(self) -> bool:
-        """Whether golden steps compare a hash of the Jacobian, whose bits are then promised."""
+        """True if golden steps compare a hash of the Jacobian, which requires exact bits."""
         return self.jacobian is not None and bool(self.jacobian.fields) and self.options.is_exact
 
     @property
@@ -138,28 +141,28 @@ class Interface:
 
 
 def c_interface(program: Program, options: COptions) -> Interface:
-    """The interface of a program in step form; ValueError where it is not."""
+    """The interface of a program in step form. Raises ValueError for another form."""
     prefix = c_identifier(options.prefix or program.name, set())
     newest = _newest_of_record(program)
-    # a fitted start reads all of the log, whatever nodes its graph has: 1 puts it behind t0
+    # a fitted start needs later samples than its graph reads: 1 means after t0
     newest |= {state.name: 1 for state in program.states if state.fit_over is not None}
-    # what a start reads of the time after t0 is not there yet when a device begins
+    # samples after t0 do not exist yet when a device starts
     supplied = {name for name, sample in newest.items() if sample > 0}
     computed = tuple(state for state in program.states if state.name not in supplied)
     step, start = step_interface(program), step_interface(replace(program, states=computed))
     used = {parameter.name for parameter in (*step.parameters, *start.start_parameters)}
-    # fields of different structs may share a name, those of one may not
+    # names of fields are unique within a struct
     in_inputs, in_outputs, in_parameters, in_states, in_reset = (
         _FieldNames(prefix) for _ in range(5)
     )
-    # before the states: harnesses and debuggers find it under one name in every model
+    # before the states, so that its name is the same in every model
     ready = in_states.add("ready")
     in_place = kept_in_place(program)
     states = tuple(
         _memory(state, in_states, options, in_place.get(state.name)) for state in program.states
     )
     roots = seen_values(program) + [joining(memory) for memory in states]
-    # sums are planned on how buffers move, and mark then those that a sum moves
+    # sums are planned first; then the buffers that a sum shifts are marked
     moving = set(shifting_sums(program.step, roots, states, options.unroll).values())
     states = tuple(
         replace(memory, in_sum=True)
@@ -187,7 +190,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
         ),
         from_record=frozenset(newest),
         ready=ready,
-        # chosen here, so that the header, its description and the code agree on the bits
+        # computed here, so that the header, its description and the code agree
         checks=state_checks(program, states, in_place, options.dtype),
         checks_equations=bool(program.expected),
         late=program.late,
@@ -196,7 +199,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
 
 
 class _FieldNames:
-    """Identifiers of one struct; none begins like the macros of the header."""
+    """Identifiers of one struct; none starts with the prefix of the header's macros."""
 
     def __init__(self, prefix: str) -> None:
         self._macros = f"{prefix}_".lower()
@@ -204,18 +207,18 @@ class _FieldNames:
 
     def add(self, name: str) -> str:
         plain = c_identifier(name, set())
-        # the header has macros that begin with the prefix: a field of that name would be replaced
+        # a field with the name of a macro of the header would be replaced
         if plain.lower().startswith(self._macros):
             plain = f"v_{plain}"
         return c_identifier(plain, self._taken)
 
     def field(self, name: str, axes: tuple[Axis, ...], unit: Unit | None, comment: str) -> Field:
-        """The field of a name of the spec."""
+        """A field for a name of the spec."""
         return Field(name=name, identifier=self.add(name), axes=axes, unit=unit, comment=comment)
 
 
 def _newest_of_record(program: Program) -> dict[str, int]:
-    """For states whose start reads the record: the newest sample that it reads, relative to t0."""
+    """The newest sample, relative to t0, that the start of a state reads from the log."""
     newest: list[int | None] = []
     for _, node in program.start:
         reads = [sample for arg in node.args if (sample := newest[arg]) is not None]
@@ -242,7 +245,7 @@ def _output(output: Output, program: Program, names: _FieldNames) -> Field:
 
 def _window(port: Port, names: _FieldNames) -> Field:
     signal = port.signal
-    # one sample has no axis of time: a signal of one number is then a plain field
+    # a single sample has no time axis
     axes = signal.axes if port.first == port.last else port.type.axes
     return names.field(signal.name, axes, signal.unit, window_comment(port))
 
@@ -254,7 +257,7 @@ def _memory(
     identifier = names.add(state.name)
     if in_place is None:
         return PlainState(state, identifier, shape)
-    # nobody reads the window with its newest sample: room for it is left out
+    # the window with its newest sample is not read: no room for it is needed
     if not in_place.window_read and not doubles(options.ring, shape[-1]):
         return DelayLine(state, identifier, shape, in_place.newest)
     if doubles(options.ring, shape[-1]):

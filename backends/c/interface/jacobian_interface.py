@@ -1,4 +1,4 @@
-"""Plans what the header shows of a Jacobian: its matrices, and the places in its vectors."""
+"""Plans the Jacobian in the header: its matrices, and the indices in its vectors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from compiler.jacobian.jacobian import jacobian
 from compiler.jacobian.matrices import Jacobian, Matrix, Member, Vector
 
 OUT = "jac"
-"""The argument of the generated function that takes the matrices."""
+"""The argument of the generated function that receives the matrices."""
 
 _MEANING = {
     "x": "x: what the model remembers from step to step",
@@ -30,16 +30,16 @@ _ROW = {"x": "x of the next step", "y": "y"}
 
 @dataclass(frozen=True, slots=True)
 class MatrixField:
-    """A field of the struct that holds a matrix with at least one entry, row after row."""
+    """A field of the struct with a nonempty matrix, in row-major order."""
 
     matrix: Matrix
     rows: str
-    """The macro for their number; or the number where their vector has no names."""
+    """The macro for the number of rows, or the number if their vector has no names."""
     columns: str
 
     @property
     def extent(self) -> str:
-        """The number of its entries, as C."""
+        """The number of its entries, as a C expression."""
         return f"{self.rows} * {self.columns}"
 
     @property
@@ -48,7 +48,7 @@ class MatrixField:
 
     @property
     def place(self) -> ArrayView:
-        """Its entries, by their number."""
+        """Its entries, by index."""
         return member_place(OUT, self.identifier, (self.matrix.size,))
 
     @property
@@ -60,10 +60,10 @@ class MatrixField:
 
 @dataclass(frozen=True, slots=True)
 class FirstPlace:
-    """A macro for the place of a quantity's first number in its vector."""
+    """A macro for the index of a quantity's first element in its vector."""
 
     name: str
-    """Of the quantity in the spec."""
+    """Name of the quantity in the spec."""
     macro: str
     first: int
     comment: str
@@ -80,18 +80,18 @@ class VectorNames:
     places: tuple[FirstPlace, ...]
 
     def has(self, name: str) -> bool:
-        """Whether the quantity of that name is in it."""
+        """True if the vector contains the quantity."""
         return any(place.name == name for place in self.places)
 
     def place(self, base: str, name: str, shape: tuple[int, ...]) -> ArrayView:
-        """The numbers of a quantity as a view of an array."""
+        """The elements of a quantity, as a view of an array."""
         macro = next(place.macro for place in self.places if place.name == name)
         return ArrayView(Name(base), shape, c_strides(shape), variable(macro))
 
 
 @dataclass(frozen=True, slots=True)
 class JacobianInterface:
-    """The Jacobian of a program, and the names that C has for it."""
+    """The Jacobian of a program, and its names in C."""
 
     jacobian: Jacobian
     fields: tuple[MatrixField, ...]
@@ -101,7 +101,7 @@ class JacobianInterface:
 def jacobian_interface(
     program: Program, options: COptions, prefix: str
 ) -> JacobianInterface | None:
-    """None where the options do not ask for it."""
+    """The Jacobian interface; None if the options do not request it."""
     if not options.extras:
         return None
     by_parameters = "parameter_jacobian" in options.extras
@@ -113,7 +113,7 @@ def jacobian_interface(
         feedthrough_only="feedthrough" in options.extras,
     )
     vectors = [found.states, found.inputs, found.outputs]
-    # numbers in the code have no struct that a vector could be copied from
+    # inlined parameters have no struct that could be copied to a vector
     if by_parameters and options.params != "inline":
         vectors.append(found.parameters)
     # C has no empty arrays
@@ -139,7 +139,7 @@ def jacobian_interface(
 def _names(vector: Vector, prefix: str, meaning: str) -> VectorNames:
     begin = f"{prefix}_{vector.letter}".upper()
     taken: set[str] = set()
-    # upper case before names are made unique: `Kp` and `kp` are two fields but would be one macro
+    # upper case before names are made unique: `Kp` and `kp` would be the same macro
     places = tuple(
         FirstPlace(
             member.name,

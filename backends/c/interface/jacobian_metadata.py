@@ -1,4 +1,4 @@
-"""Describes a Jacobian as data: its vectors, and which entries are never 0 or never change."""
+"""Describes a Jacobian as JSON data: its vectors, and which entries are 0 or constant."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from compiler.jacobian.matrices import Matrix, Vector
 
 
 def jacobian_metadata(interface: JacobianInterface) -> dict[str, Any]:
-    """Vectors by letter, and for each matrix its entries by row and column; all others are 0."""
+    """The vectors by letter, and the entries of each matrix by row and column.
+
+    Entries that are not listed are always 0.
+    """
     found = interface.jacobian
     vectors = (found.states, found.inputs, found.outputs, found.parameters)
     return {

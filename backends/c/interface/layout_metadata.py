@@ -1,4 +1,4 @@
-"""Describes generated C as data: the ports of the step, and every struct as it lies in memory."""
+"""Describes generated C as JSON data: the ports of the step, and the fields of every struct."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from compiler.ir.program import Declared, History, LayerMemory, Program, Tape
 def layout_metadata(
     program: Program, interface: Interface, weights: Mapping[str, NDArray[Any]]
 ) -> dict[str, Any]:
-    """Data for `json.dumps`; the part that only C has is under `c`."""
+    """Data for `json.dumps`; the entry `c` holds the part that only exports to C have."""
     ports = step_interface(program)
     states = {memory.state.name: memory.identifier for memory in interface.states}
     windows = {field.name: field.identifier for field, _ in interface.windows}
@@ -36,12 +36,12 @@ def layout_metadata(
         states=states,
         parameters={field.name: field.identifier for field in interface.parameters},
         outputs={field.name: field.identifier for field in interface.outputs},
-        # C replaces states where they are: the next one has the same field
+        # C updates states in place: the next state has the same field
         next_states=states,
         start_windows={port.signal.name: "" for port in ports.start_windows} | windows,
     )
     data = interface_metadata(program, ports, names, weights)
-    # a window that only a supplied state would need is no part of this interface
+    # the C interface has no port for windows that only a caller-supplied state would need
     data["start_windows"] = [port for port in data["start_windows"] if port["port"]]
     ranges = _ranges(program, interface)
     data["export_sha256"] = OPEN
@@ -52,7 +52,7 @@ def layout_metadata(
         "takes_parameters": interface.takes_parameters,
         "status": {
             status_macro(interface.prefix, bit): int(bit)
-            # all bits, whether this model can return them or not: readers know one table
+            # all bits, even those that this model cannot return: readers need only one table
             for bit in MEANING
             if interface.calibrates or bit is not SelfTestBit.CHECKSUM_DIFFERS
         },
@@ -77,14 +77,14 @@ def layout_metadata(
 
 
 def _state(memory: StateMemory) -> dict[str, Any]:
-    """The place of a state's value in the struct: whole, or as the samples of a buffer."""
+    """Describes how the struct stores a state: as a plain array, or as a buffer of samples."""
     value: dict[str, Any] = {
         "name": memory.state.name,
         "field": memory.identifier,
         "shape": [*memory.shape],
     }
     match memory:
-        # a delay line is the state as it is: oldest sample first, and no room for another
+        # a delay line has the layout of the state: oldest sample first, no spare element
         case PlainState() | DelayLine():
             return {**value, "kind": "plain"}
         case ShiftBuffer():
@@ -104,18 +104,18 @@ def _field(field: StructField, struct: str, ranges: _Ranges) -> dict[str, Any]:
 
 
 _Ranges: TypeAlias = dict[tuple[str, str], tuple[float, float] | None]
-"""By struct and field."""
+"""(lower, upper) by name of struct and identifier of field; None if the field has no range."""
 
 
 def _ranges(program: Program, interface: Interface) -> _Ranges:
-    """The ranges of inputs and states in the spec; a buffer has that of its signal."""
+    """Ranges of inputs and states in the spec; a buffer has the range of its signal."""
     declared = {signal.name: signal.range for signal in program.signals}
     ranges: _Ranges = {}
     for input in interface.inputs:
         limits = input.port.signal.range
         ranges["in", input.field.identifier] = limits
         if input.held is not None:
-            # what is held was valid
+            # the held value was valid
             ranges["state", input.held] = limits
     for memory in interface.states:
         state = memory.state

@@ -1,4 +1,4 @@
-"""Chooses the states that a step checks when it has computed them, and what it reports."""
+"""Chooses the checks that a step runs on its computed states, and the status bit of each."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from compiler.ir.program import Declared, Program, State
 
 
 def largest(dtype: Dtype) -> float:
-    """The largest number of the type."""
+    """The largest finite value of the type."""
     return float(np.finfo(np.float32).max) if dtype == "float32" else sys.float_info.max
 
 
 @dataclass(frozen=True, slots=True)
 class StateCheck:
-    """A state whose values are to be within limits, or finite where it has no range."""
+    """Checks that a state lies within its range, or is finite if it has no range."""
 
     memory: StateMemory
     limits: tuple[float, float]
@@ -33,12 +33,12 @@ class StateCheck:
 
     @property
     def place(self) -> ArrayView:
-        """The numbers that a step looks at: of a buffer the sample that joined it last."""
+        """The elements that the step checks: the whole state, or the newest sample of a buffer."""
         memory = self.memory
         return memory.samples if isinstance(memory, PlainState) else memory.last_sample
 
     def part(self, value: NDArray[Any]) -> NDArray[Any]:
-        """The same of a state's value in numpy."""
+        """The same elements of a NumPy value of the state; the last axis of a buffer is time."""
         return value if isinstance(self.memory, PlainState) else value[..., -1]
 
 
@@ -48,19 +48,19 @@ def state_checks(
     in_place: Mapping[str, InPlace],
     dtype: Dtype,
 ) -> tuple[StateCheck, ...]:
-    """The checks of declared states, and of all others that could keep a NaN for ever.
+    """Checks of all declared states, and of other states that could keep a NaN for ever.
 
-    A buffer or memory that does not depend on itself forgets a NaN with its samples.
+    A buffer or memory that does not depend on itself drops a NaN together with its samples.
     """
     found: list[StateCheck] = []
     for memory in memories:
         state = memory.state
-        # NaN is outside every range as well: one bit says both
+        # NaN is outside every range as well, so one bit covers both cases
         if isinstance(memory, PlainState) and state.range is not None:
             found.append(StateCheck(memory, state.range, StatusBit.STATE_OUT_OF_RANGE))
         elif isinstance(state.origin, Declared) or _feeds_itself(program, state, in_place):
-            # within the largest numbers are exactly the finite ones: no `isfinite` of a C library,
-            # whose kind of result C99 leaves open
+            # a comparison with the largest finite values replaces `isfinite`: C99 does not fix
+            # the type of its result
             finite = (-largest(dtype), largest(dtype))
             found.append(StateCheck(memory, finite, StatusBit.STATE_NOT_FINITE))
     return tuple(found)
@@ -71,5 +71,5 @@ def _feeds_itself(program: Program, state: State, in_place: Mapping[str, InPlace
     joins = state.next if buffer is None else buffer.newest
     following = {other.name: other.next for other in program.states}
     following[state.name] = joins
-    # over all steps, as a value may come back to its state by way of another
+    # over all steps: a value may return to its state through another state
     return state.name in needed_over_time(program.step, following, [joins])[1]

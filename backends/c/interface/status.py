@@ -1,4 +1,4 @@
-"""Defines the bits of `step`, `reset` and `selftest`, on which a safety layer may act."""
+"""Defines the status bits of `step`, `reset` and `selftest`, which a safety layer may evaluate."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from enum import IntFlag
 
 
 class StatusBit(IntFlag):
-    """Bits of what step, reset and linearize return; 0 means that nothing was out of order."""
+    """Status bits of step, reset and linearize; 0 means that no check failed."""
 
-    # values are part of the interface of deployed code: new bits are added, none is moved
+    # deployed code relies on these values: new bits may be added, none may change
     OUT_OF_RANGE = 1
     NOT_A_NUMBER = 2
     CLAMPED = 4
@@ -17,11 +17,11 @@ class StatusBit(IntFlag):
     UNINITIALISED = 32
     EQUATION_OUT_OF_RANGE = 64
     STATE_NOT_FINITE = 128
-    SLOPE_NOT_FINITE = 8192  # of the self-test it is another bit: no result has both
+    SLOPE_NOT_FINITE = 8192  # equals SelfTestBit.CHECKSUM_DIFFERS: no result has both
 
 
 class SelfTestBit(IntFlag):
-    """Bits of the self-test's result."""
+    """Status bits of the self-test; 0 means that it passed."""
 
     STEP_DIFFERS = 256
     KERNEL_DIFFERS = 512
@@ -57,7 +57,7 @@ MEANING: dict[StatusBit | SelfTestBit, str] = {
 
 
 def status_macro(prefix: str, bit: StatusBit | SelfTestBit) -> str:
-    """The macro of a bit: `VEH_STATUS_CLAMPED`."""
+    """The C macro of a status bit, such as `VEH_STATUS_CLAMPED`."""
     assert bit.name is not None
     kind = "STATUS" if isinstance(bit, StatusBit) else "SELFTEST"
     return f"{prefix.upper()}_{kind}_{bit.name}"

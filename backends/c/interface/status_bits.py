@@ -1,4 +1,4 @@
-"""Finds which status bits a model can return: the header declares these and no others."""
+"""Finds the status bits that a model can return: the header declares only these."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OF_POLICY: dict[InvalidPolicy, StatusBit] = {
 
 
 def step_bits(interface: Interface) -> list[StatusBit]:
-    """Bits of what step, reset and linearize return."""
+    """The bits that step, reset and linearize of this model can return."""
     bits = StatusBit(0)
     for port in (*(i.port for i in interface.inputs), *(port for _, port in interface.windows)):
         bits |= _OF_POLICY[port.signal.on_invalid]
@@ -33,7 +33,10 @@ def step_bits(interface: Interface) -> list[StatusBit]:
 
 
 def selftest_bits(*, has_kernels: bool, has_helpers: bool, calibrates: bool) -> list[SelfTestBit]:
-    """Bits of the self-test's result; helpers are the sample time and what copies structs."""
+    """The bits that the self-test can return.
+
+    The helpers are the sample time and the functions that copy between vectors and structs.
+    """
     there = {
         SelfTestBit.KERNEL_DIFFERS: has_kernels,
         SelfTestBit.HELPER_DIFFERS: has_helpers,

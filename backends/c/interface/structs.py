@@ -1,4 +1,4 @@
-"""Lays out the structs of the generated header, field by field in their order in memory."""
+"""Lays out the structs of the generated header: their fields in the order of memory."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ READY = (
     "4 after init or reset, and 1 more while buffers wait for their first sample, 2 more while "
     "states wait for reset; 0 where nothing was set"
 )
-"""What the field of the state struct means that says whether it was set."""
+"""Comment of the field `ready` of the state struct, which tells if the state was initialised."""
 
 RESERVED = "reserved"
-"""The one field of a struct that would be empty, which C does not allow."""
+"""The only field of a struct that would otherwise be empty, which C does not allow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StructField:
-    """A real or uint32_t, or a flat array in C order of its shape."""
+    """A field of type real or uint32_t: a scalar, or an array flattened in C order."""
 
     name: str | None
-    """Name in the spec; None for what only the generated code uses."""
+    """Name in the spec; None for fields that only the generated code uses."""
     identifier: str
     shape: tuple[int, ...] = ()
     comment: str = ""
@@ -48,10 +48,10 @@ class Struct:
 
 
 def structs(interface: Interface) -> tuple[Struct, ...]:
-    """All struct types that the header declares."""
+    """All struct types that the header declares, in their order."""
     starts = [field for field, _ in interface.windows] + [f for f, _ in interface.supplied]
-    # a struct of parameters is left out, where the others stay with a reserved field: inline code
-    # takes no pointer to them
+    # code that takes no pointer to parameters has no struct of them, whereas the other structs are
+    # always declared, with a reserved field if they are empty
     parameters = Struct("params", "Trained values.", _plain(interface.parameters))
     return (
         Struct("in", "Inputs of a step.", _plain(input.field for input in interface.inputs)),
@@ -64,12 +64,12 @@ def structs(interface: Interface) -> tuple[Struct, ...]:
 
 
 def outputs_text(late: int) -> str:
-    """The comment of the struct of outputs, of a step that is so many samples late."""
+    """The comment of the struct of outputs, if the step returns them `late` samples later."""
     return f"Outputs of a step: those of sample t-{late}." if late else "Outputs of a step."
 
 
 def step_text(late: int) -> str:
-    """The comment of a step that is so many samples late."""
+    """The comment of the step function, if outputs come `late` samples later."""
     if not late:
         return "Computes the outputs of sample t, then the states of sample t+1."
     following = f"t-{late - 1}" if late > 1 else "t"

@@ -1,4 +1,4 @@
-"""Makes golden vectors of single steps, each with a start, states and parameters of its own."""
+"""Golden vectors of single steps, each with its own start, states and parameters."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ Array = NDArray[Any]
 
 
 _LARGEST = 8000
-"""Numbers that a step and its Jacobian compute; thousands of larger ones would take too long."""
+"""Maximum number of elements of a step and its Jacobian; thousands of larger steps are too slow."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoldenSingles:
-    """Steps that each begin anew."""
+    """Independent single steps."""
 
     starts: list[int]
-    """Which start of a run is given to `reset` before each."""
+    """Index of the run start that `reset` receives before each step."""
     tuned: list[dict[int, float]]
-    """Parameters that are others than trained in each, by their place in the struct."""
+    """Parameters of each step that differ from the trained ones, by their index in the struct."""
     linearized: int
-    """The first ones, of which only the Jacobian has parameters of its own."""
+    """Number of first steps for which only the Jacobian uses changed parameters."""
     vectors: GoldenVectors
-    """What is written into the state struct after that, and the steps; all (count, …)."""
+    """The states written before each step, and its results; all (count, …)."""
 
     @property
     def tunes(self) -> bool:
-        """Whether any has parameters of its own."""
+        """True if any step has changed parameters."""
         return any(self.tuned)
 
 
@@ -58,9 +58,9 @@ def golden_singles(
     starts: Sequence[GoldenStart],
     seed: int,
 ) -> GoldenSingles | None:
-    """Steps that show what plain golden steps do not; None where there are none.
+    """Steps that detect errors which plain golden steps miss; None if there are none.
 
-    None of a large step either: its golden runs must do.
+    Also None for a large step, which is tested by golden runs only.
     """
     steps = TrialSteps(program, interface, weights, starts)
     if steps.computed > _LARGEST:
@@ -69,7 +69,7 @@ def golden_singles(
     if not (alone or others):
         return None
     trials = joined_trials([*alone, *others])
-    # of those alone only the Jacobian is compared at other parameters: their step is as trained
+    # for steps of `alone` only the Jacobian uses changed parameters
     stepped = joined_trials([*map(steps.with_trained, alone), *others])
     count = len(trials)
     values, begun, inputs = steps.run(stepped), steps.begun(trials), steps.inputs(trials)
@@ -92,7 +92,7 @@ def golden_singles(
         start=starts[0],
         written=steps.written(trials),
         inputs=inputs,
-        # as given: the policies replace none of these
+        # the policies replace none of these inputs
         seen=inputs,
         outputs={field.name: values.outputs[field.name] for field in interface.outputs},
         states=after,
@@ -100,7 +100,7 @@ def golden_singles(
         slopes=steps.matrices(trials),
     )
     tuned = trials.numbers[:, steps.tuned]
-    # only those that differ are written: most steps change a few of many weights
+    # only changed parameters are written: most steps change a few of many
     places = [np.flatnonzero(row != steps.trained).tolist() for row in tuned]
     return GoldenSingles(
         trials.starts.tolist(),
@@ -111,7 +111,7 @@ def golden_singles(
 
 
 def _input_bits(interface: Interface, inputs: Mapping[str, Array]) -> StatusBit:
-    """The status that the policies report; they replace nothing."""
+    """The status bits of the input policies, which replace nothing here."""
     bits = StatusBit(0)
     for input in interface.inputs:
         name, dtype = input.field.name, interface.options.dtype

@@ -1,4 +1,4 @@
-"""Arguments at which the self-test looks at each kernel, with the bits that it must give."""
+"""Test arguments of each kernel for the self-test, with the exact results."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from compiler.kernels.tables.telling_arguments import telling_arguments
 Case = tuple[tuple[float, ...], float]
 
 _PLACES = (0.03, 0.37, 0.81)
-"""Where in the domain."""
+"""Relative positions in the domain."""
 
 
 def kernel_cases(kernels: Iterable[str], dtype: Dtype) -> dict[str, list[Case]]:
-    """For each kernel arguments on every branch and where the last digit of each constant shows,
-    and its value there."""
+    """For each kernel, arguments on every branch and those sensitive to each constant, with
+    results.
+    """
     real = "float" if dtype == "float32" else "double"
     cases: dict[str, list[Case]] = {}
-    # a set has no order, and the file has the same bytes for the same model
+    # sorted, so that the file is deterministic
     for kernel in sorted(kernels):
         plain = plain_points(kernel, real)
         points = np.array([*plain, *telling_arguments(kernel, real, len(plain[0]))], dtype)

@@ -1,10 +1,11 @@
-"""Adjoints of the samples of a buffer, collected when they are needed instead of spread at once.
+"""Computes adjoints of buffer samples when they are needed, instead of scattering them at each
+step.
 
-A filter of n taps over a buffer reads its newest sample at the n steps that follow. Going back,
-each step could add its share to the adjoints of all n samples: n loads and n stores. Or the adjoint
-of a sample is summed when the loop comes to it, from the n adjoints of the filter's result at later
-times with the same taps: a filter again, without stores. Those adjoints are kept in reverse order
-of time, so that both filters run over their windows alike.
+A filter of n taps reads each sample in the n following steps. Going backwards, each step could add
+its contribution to the adjoints of all n samples, with n loads and n stores. Instead, the adjoint
+of a sample is summed when the loop reaches it, from the n adjoints of the filter's result at later
+times and the same taps. That is again a filter, without stores. These adjoints are stored in
+reverse order of time, so that both filters access memory in the same way.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from compiler.ir.types import WINDOW
 
 @dataclass(frozen=True, slots=True)
 class LateAdjoint:
-    """An addend of the adjoint of a buffer: source · taps at every sample that the buffer holds."""
+    """A term of the adjoint of a buffer: source · taps at every sample in the buffer."""
 
     state: str
     addend: NodeId
     source: NodeId
-    """Without a window axis; otherwise of the buffer's axes."""
+    """Without a window axis; otherwise with the axes of the buffer."""
     taps: NodeId
-    """A view of a parameter, with the buffer's axes."""
+    """A view of a parameter, with the axes of the buffer."""
 
     @property
     def name(self) -> str:
@@ -36,9 +37,11 @@ class LateAdjoint:
 
 
 def late_adjoints(step: TrainingStep) -> tuple[LateAdjoint, ...]:
-    """The addends that can be collected; none where the start learns from adjoints of buffers."""
-    # the start would ask for the adjoint of every sample that the buffer begins with, and those
-    # that are collected late are complete for the newest sample alone
+    """The terms that can be computed late; none if the start has gradients by adjoints of
+    buffers.
+    """
+    # the start needs the adjoint of every initial sample of the buffer, but late adjoints are
+    # complete for the newest sample only
     if step.reverse_start.gradients.parameters:
         return ()
     return tuple(_late_adjoints(step))
@@ -53,7 +56,7 @@ def _late_adjoints(step: TrainingStep) -> Iterator[LateAdjoint]:
         for addend in sums.of(gradient):
             node = graph[addend]
             if isinstance(node.op, Multiply):
-                # a product has no order: either operand may be the parameter
+                # either operand may be the parameter
                 for source, taps in (node.args, node.args[::-1]):
                     before = _before_window(graph, source)
                     if before is not None and _is_parameter(graph, taps):
@@ -62,12 +65,12 @@ def _late_adjoints(step: TrainingStep) -> Iterator[LateAdjoint]:
 
 
 def _before_window(graph: Graph, node: NodeId) -> NodeId | None:
-    """The node that a broadcast spreads along the window and nothing else."""
+    """The operand of a broadcast that only adds the window axis; otherwise None."""
     op, args = graph[node].op, graph[node].args
     if not isinstance(op, Broadcast):
         return None
     axes = graph[node].type.axes
-    # along other axes the sum over the spread would have to come first
+    # other broadcast axes would have to be summed first
     spread = graph[args[0]].type.axes == axes[:-1] and axes[-1].name == WINDOW
     return args[0] if spread else None
 

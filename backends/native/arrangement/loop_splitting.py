@@ -1,8 +1,8 @@
-"""Divides a training step by when it can run: before the loop over time, in it, or after it.
+"""Splits a training step into parts before, inside and after the loop over time.
 
-A loop over time is a chain: each step waits for the one before. Sums over logged samples need not:
-they are done for all times at once, ahead of it. Nor need gradients of parameters: the reverse loop
-leaves the few adjoints that they are made of in rows over time, and they are summed after it.
+The loop over time is sequential: each step waits for the previous one. Sums over recorded samples
+do not depend on it and are computed for all times before the loop. Gradients of parameters are
+computed after the reverse loop, from the adjoints that it stores in rows over time.
 """
 
 from __future__ import annotations
@@ -24,18 +24,19 @@ from compiler.ir.training.values import (
 )
 
 _MOST_ELEMENTS = 96
-"""Numbers a step kept in rows, all together: 25,000 steps of 16 samples take 154 MB."""
+"""Maximum number of stored elements per step: 25,000 steps of 16 samples take 154 MB."""
 
 _DEAR = 6
-"""Operations an element from which on a value is kept instead of computed again."""
+"""Minimum number of operations per element for which a value is stored instead of recomputed."""
 
 _LEAST_SHARE = 3
-"""A gradient is summed after the loop if it has so many times the elements of its factors."""
+"""A gradient is summed after the loop if it has at least this many times the elements of its
+factors."""
 
 
 @dataclass(frozen=True, slots=True)
 class LateGradient:
-    """An addend of a parameter's gradient at each time: the product of two views of rows."""
+    """A term of a parameter's gradient at each time: the product of two views of rows."""
 
     parameter: str
     product: NodeId
@@ -44,31 +45,31 @@ class LateGradient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Phases:
-    """The nodes of each phase of a kernel; ids are those of the training step's graphs."""
+    """The nodes of each phase of a kernel; ids refer to the graphs of the training step."""
 
     ahead: tuple[NodeId, ...]
     """Contractions of the forward graph over logged samples."""
     kept: tuple[NodeId, ...]
-    """Other nodes of the forward graph that the reverse step reads instead of computing them."""
+    """Other nodes of the forward graph that the reverse step reads from rows."""
     cuts: tuple[NodeId, ...]
-    """Nodes of the reverse graph that late gradients are made of."""
+    """Nodes of the reverse graph that late gradients depend on."""
     late: tuple[LateGradient, ...]
     direct: tuple[tuple[str, NodeId], ...]
-    """Parameters and the addends that the reverse step adds itself."""
+    """Parameters with the gradient terms that the reverse step adds itself."""
 
     @property
     def rows(self) -> tuple[NodeId, ...]:
-        """All nodes that stand in rows."""
+        """All nodes that are stored in rows."""
         return (*self.ahead, *self.kept, *self.cuts)
 
 
 def split_loops(step: TrainingStep) -> Phases:
-    """The division of one training step."""
-    # The order decides who gets the room in rows: sums ahead first, since they leave the chain of
-    # steps altogether, then factors of late gradients, then what only saves a second computation.
+    """Splits one training step into phases."""
+    # Order of priority for memory: sums before the loop, which shorten the sequential loop, then
+    # factors of late gradients, then values that would be recomputed.
     room = _Room()
     ahead = _ahead(step, room)
-    # what is done ahead is no longer an operation of the step, so it makes no gradient dear
+    # values computed ahead cost nothing in the step
     graph = read_from_rows(step.reverse_step.graph, ahead)
     forward = len(step.program.step)
     found = step.reverse_step.gradients
@@ -82,13 +83,12 @@ def split_loops(step: TrainingStep) -> Phases:
             factors = _factors_to_keep(graph, addend)
             if factors is not None and room.take(graph, factors):
                 late.append(LateGradient(parameter, addend))
-                # a dict keeps the order in which rows were asked for: the layout must not depend on
-                # hashes
+                # a dict keeps the order: the layout must not depend on hashes
                 rows |= dict.fromkeys(factors)
             else:
-                # no room, or it does not pay: the reverse step adds this one at every step
+                # no memory left, or no gain: the reverse step adds this term in every step
                 direct.append((parameter, addend))
-    # late products are not roots: the reverse step computes their factors only
+    # late products are not roots: the reverse step computes only their factors
     roots = [*found.states.values(), *rows, *(node for _, node in direct)]
     kept = _kept(graph, forward, roots, {node for node in rows if node < forward}, room)
     cuts = tuple(node for node in rows if node >= forward)
@@ -96,7 +96,7 @@ def split_loops(step: TrainingStep) -> Phases:
 
 
 def read_from_rows(graph: Graph, nodes: Iterable[NodeId]) -> Graph:
-    """The graph with some nodes read from their rows."""
+    """The graph with the given nodes replaced by reads of rows."""
     found = list(graph.nodes)
     for index in nodes:
         node = found[index]
@@ -105,7 +105,7 @@ def read_from_rows(graph: Graph, nodes: Iterable[NodeId]) -> Graph:
 
 
 class Addends:
-    """Takes sums of nodes apart, as far as no other node needs the partial sums."""
+    """Splits sums into terms, unless another node uses the partial sum."""
 
     def __init__(self, graph: Graph, roots: Iterable[NodeId]) -> None:
         self._graph = graph
@@ -117,9 +117,9 @@ class Addends:
         waiting = [node]
         while waiting:
             term = waiting.pop()
-            # a partial sum that somebody else reads must be made anyway: it counts as one addend
+            # a partial sum with other users is computed anyway: it counts as one term
             if isinstance(self._graph[term].op, ops.Add) and self._demands[term] == 1:
-                # a stack gives the last one back first: reversed, the addends keep their order
+                # reversed on the stack, so that the terms keep their order
                 waiting += reversed(self._graph[term].args)
             else:
                 found.append(term)
@@ -127,7 +127,7 @@ class Addends:
 
 
 def is_zero(graph: Graph, node: NodeId) -> bool:
-    """Whether a node is 0 everywhere, as its structure shows."""
+    """True if a node is structurally 0."""
     match graph[node].op:
         case ops.Constant(values):
             return not any(values)
@@ -138,15 +138,15 @@ def is_zero(graph: Graph, node: NodeId) -> bool:
 
 
 class _Room:
-    """The room that a step has for numbers in rows."""
+    """The memory for rows per step."""
 
     def __init__(self) -> None:
         self._left = _MOST_ELEMENTS
         self._taken: set[NodeId] = set()
 
     def take(self, graph: Graph, nodes: Iterable[NodeId]) -> bool:
-        """Takes the elements of these nodes if there is room for all."""
-        # a factor of two late gradients takes its row once
+        """Reserves the elements of these nodes if there is room for all."""
+        # a factor of two late gradients needs one row
         new = [node for node in nodes if node not in self._taken]
         size = sum(graph[node].type.size for node in new)
         if size > self._left:
@@ -157,7 +157,7 @@ class _Room:
 
 
 def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
-    """The contractions of parameters with logged samples."""
+    """The contractions of parameters with recorded samples."""
     graph = step.program.step
     losses = [node for term in step.losses for node in (term.total, term.count)]
     results = [state.next for state in step.program.states]
@@ -169,8 +169,7 @@ def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
             leaves = [view_leaf(graph, arg) for arg in node.args]
             sources = [graph[leaf].op for leaf in leaves if leaf is not None]
             if (
-                # a state is not there ahead of the loop, and without samples there is nothing to
-                # sum
+                # states do not exist before the loop; without samples there is nothing to sum
                 len(sources) == 2
                 and not any(isinstance(op, ops.ReadState | ops.Window) for op in sources)
                 and any(isinstance(op, ops.ReadSamples) for op in sources)
@@ -181,7 +180,9 @@ def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
 
 
 def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
-    """The leaf that a node shows under other indices: a parameter, samples, a state; else None."""
+    """The leaf that a node is a strided view of: a parameter, samples or a state; otherwise
+    None.
+    """
     op = graph[node].op
     match op:
         case ops.ReadTraining(value):
@@ -192,7 +193,7 @@ def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
             return view_leaf(graph, graph[node].args[0])
         case ops.Reshape():
             source = graph[node].args[0]
-            # other reshapes change the order of the numbers in memory, and a view has fixed strides
+            # other reshapes change the order of elements in memory
             moved = only_units_moved(graph[source].type, graph[node].type)
             return view_leaf(graph, source) if moved else None
         case _:
@@ -200,7 +201,7 @@ def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
 
 
 def _stands_in_a_row(value: TrainingValue) -> bool:
-    """Whether it is there at all times, not given to the reverse step alone."""
+    """True if the value is stored for all times, not passed to the reverse step only."""
     match value:
         case KeptRow() | NewestSample():
             return True
@@ -211,11 +212,11 @@ def _stands_in_a_row(value: TrainingValue) -> bool:
 
 
 def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
-    """The nodes to keep in rows to sum a product later; None if that does not pay."""
+    """The nodes to store in rows in order to sum a product later; None if there is no gain."""
     if not isinstance(graph[node].op, ops.Multiply | ops.Contract):
         return None
     needed = {graph.unrepeated(a) for a in graph[node].args if view_leaf(graph, a) is None}
-    # keeping a vector to save adding a matrix pays: n numbers a step in place of n²
+    # storing n elements per step instead of adding n² saves time
     size = sum(graph[factor].type.size for factor in needed)
     return sorted(needed) if size * _LEAST_SHARE <= graph[node].type.size else None
 
@@ -223,7 +224,7 @@ def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
 def _kept(
     graph: Graph, forward: int, roots: Iterable[NodeId], given: set[NodeId], room: _Room
 ) -> tuple[NodeId, ...]:
-    """Nodes of the forward part that are dear to compute again, and those given."""
+    """Nodes of the forward part that are expensive to recompute, and those in `given`."""
     used = use_counts(graph, roots)
     direct = {
         leaf
@@ -242,14 +243,14 @@ def _kept(
         dear = index in direct and cost > _DEAR * size
         if index in given or (dear and room.take(graph, [index])):
             kept.append(index)
-            # what is kept costs its readers nothing more
+            # a stored value costs its readers nothing
             cost = 0.0
         costs.append(cost)
     return tuple(kept)
 
 
 def _computed(graph: Graph, node: NodeId) -> list[NodeId]:
-    """The real values behind structure and truth values."""
+    """The real values behind structural operations and bools."""
     op = graph[node].op
     if isinstance(op, ops.Structure) or graph[node].type.kind == "bool":
         return [leaf for arg in graph[node].args for leaf in _computed(graph, arg)]
@@ -257,7 +258,7 @@ def _computed(graph: Graph, node: NodeId) -> list[NodeId]:
 
 
 def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
-    """About how many operations a node takes with all that only it needs."""
+    """Estimated number of operations of a node, including operands that only it uses."""
     node = graph[index]
     match node.op:
         case ops.Leaf() | ops.Window():
@@ -265,12 +266,12 @@ def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
         case ops.Structure():
             own = 0.0
         case ops.Apply():
-            # a kernel takes about 20 operations an element, a quotient as long as 4
+            # a kernel takes about 20 operations per element, a division about 4
             own = 20.0 * node.type.size
         case ops.Divide():
             own = 4.0 * node.type.size
         case ops.Reduction():
-            # of a sum the operands are many, not the result
+            # the cost of a sum depends on its operands
             own = float(max(graph[arg].type.size for arg in node.args))
         case _:
             own = float(node.type.size)

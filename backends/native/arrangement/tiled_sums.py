@@ -1,7 +1,7 @@
-"""Sums of products with many of their results in registers at once, so that loads are shared.
+"""Sums of products, computed in tiles with many results in registers, to share loads.
 
-A result at a time, each number of a row is loaded for each result again; a tile of p × q results
-takes p + q loads for p · q multiply-adds.
+One result at a time, every element of a row is loaded again for each result. A tile of p × q
+results needs p + q loads for p · q multiply-adds.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ HORIZON = "horizon"
 """Names of the time and of the number of steps in the functions of a kernel."""
 
 MOMENT = "@time"
-"""The time among the axes of a result: no dim has this name, and `t` is that of windows."""
+"""The time among the axes of a result: no dim has this name, and `t` is the window."""
 
 _RESULTS = 20
-"""Results in registers: 32 registers hold these, their factors and what is on its way."""
+"""Maximum number of results in registers; 32 registers also hold factors and temporaries."""
 
 _IN_A_ROW = 10
-"""Results along one axis alone: more than enough to hide the latency of a multiply-add."""
+"""Maximum number of results along a single axis, enough to hide the latency of a multiply-add."""
 
 _BESIDE = 5
-"""Results along the second axis of a tile."""
+"""Maximum number of results along the second axis of a tile."""
 
 _TIMES = 8
-"""Times at once."""
+"""Maximum number of times per tile."""
 
 Indices = Mapping[str, Index]
 Store = Callable[[Indices, Expression, BlockScope], None]
@@ -39,21 +39,21 @@ Store = Callable[[Indices, Expression, BlockScope], None]
 
 @dataclass(frozen=True, slots=True)
 class TimeLoop(Loop):
-    """`for` over the times, `stop` at once; or over those that loops of `stop` leave over."""
+    """A `for` loop over time, `stop` times per iteration; with `rest` over the remaining times."""
 
     rest: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A factor of the product: where it stands at times 0 and 1, and its axes by name."""
+    """A factor of the product: its places at times 0 and 1, and its axes by name."""
 
     first: ArrayView
     second: ArrayView
     axes: tuple[str, ...]
 
     def element(self, time: Index, indices: Indices) -> Expression:
-        # rows of one array are equally far apart, so two of them tell the distance of all
+        # rows are equidistant, so two of them give the stride
         step = self.second.offset.constant - self.first.offset.constant
         at = replace(self.first, offset=self.first.offset.plus(time.times(step)))
         return at.element([indices[axis] for axis in self.axes])
@@ -63,7 +63,8 @@ class Factor:
 class TiledSum:
     """result[axes] = Σ over `summed` of the product of the factors.
 
-    `sizes` are those of all axes; the time has none and is either summed over or a result's first.
+    `sizes` has the sizes of all axes. The time has none; it is either summed over or the first axis
+    of the result.
     """
 
     factors: Sequence[Factor]
@@ -71,36 +72,37 @@ class TiledSum:
     summed: tuple[str, ...]
     sizes: Mapping[str, int]
     over_time: bool
-    """Whether the sum runs over the time; else there is a result at each time."""
+    """True if the sum runs over time; otherwise there is one result per time."""
 
     def write(self, scope: BlockScope, store: Store) -> None:
-        """Loops over tiles; `store` takes each result, with its indices and the time as MOMENT."""
+        """Writes loops over tiles; `store` receives each result, its indices and the time as
+        MOMENT.
+        """
         tiles = self._tiles()
         if self.over_time:
             self._nest({}, self.axes, tiles, 1, scope, store)
             return
-        # registers that the axes of a result leave are filled with results at several times
+        # remaining registers are used for several times
         among = 1
         for axis in self.axes:
             among *= tiles[axis]
         times = min(_TIMES, _RESULTS // among)
-        # times come in tiles of `times`; the second loop takes those that are left over, one by one
+        # tiles of `times` times; the second loop handles the remaining times one by one
         for rest in (False, True):
             inner = scope.inner()
             self._nest({}, self.axes, tiles, 1 if rest else times, inner, store)
             scope.add(TimeLoop(TIME, 0, times, tuple(inner.statements), rest=rest))
 
     def _tiles(self) -> dict[str, int]:
-        """Results at once along each axis: the last two axes that are longer than 1 share them."""
+        """Tile size along each axis; only the last two axes longer than 1 are tiled."""
         tiles = dict.fromkeys(self.axes, 1)
         long = [axis for axis in self.axes if self.sizes[axis] > 1][-2:]
         if self.over_time and len(long) == 1:
             tiles[long[0]] = _even(self.sizes[long[0]], _IN_A_ROW)
         elif long:
-            # over the time the loads of both axes repeat at each time; else the times are the other
-            # side
+            # a sum over time tiles two axes; otherwise time is the second axis of the tile
             first = long[0] if self.over_time else long[-1]
-            # two axes: a tile of 5 × 4 loads 9 numbers for 20 products, a row of 20 would load 21
+            # a 5 × 4 tile needs 9 loads for 20 products, a row of 20 results needs 21
             tiles[first] = _even(self.sizes[first], _BESIDE)
             if self.over_time:
                 tiles[long[1]] = _even(self.sizes[long[1]], _RESULTS // tiles[first])
@@ -115,14 +117,14 @@ class TiledSum:
         scope: BlockScope,
         store: Store,
     ) -> None:
-        """Loops over the tiles along the axes that are left, and what is left over of each."""
+        """Loops over the tiles along the remaining axes, with a smaller tile at the end."""
         if not rest:
             self._tile(begin, tiles, times, scope, store)
             return
         axis, *others = rest
         size, tile = self.sizes[axis], tiles[axis]
         full, over = divmod(size, tile)
-        # one tile fills the axis: its loop would turn once
+        # one tile covers the axis: no loop
         if full == 1:
             self._nest({**begin, axis: Index()}, others, tiles, times, scope, store)
         else:
@@ -130,14 +132,14 @@ class TiledSum:
                 start = {**begin, axis: counter.times(tile)}
                 self._nest(start, others, tiles, times, inner, store)
         if over:
-            # what is left over is a tile of its own size behind the full ones
+            # the remainder is a smaller tile after the full ones
             start = {**begin, axis: Index(size - over)}
             self._nest(start, others, {**tiles, axis: over}, times, scope, store)
 
     def _tile(
         self, begin: Indices, tiles: Mapping[str, int], times: int, scope: BlockScope, store: Store
     ) -> None:
-        """One tile: all its results begin at 0, grow together and are stored."""
+        """One tile: initialises all results with 0, accumulates them together and stores them."""
         now = variable(TIME)
         results: list[tuple[Indices, Name]] = []
         for time, *offsets in product(range(times), *(range(tiles[axis]) for axis in self.axes)):
@@ -147,10 +149,9 @@ class TiledSum:
             }
             if not self.over_time:
                 indices[MOMENT] = now.plus(Index(time))
-            # a variable a result, not an array: compilers keep only named values in registers for
-            # sure
+            # one variable per result: compilers keep arrays in memory
             results.append((indices, scope.variable("sum", Real(0.0))))
-        # sums over the time grow across all of it; else each time has sums of its own
+        # a sum over time accumulates over all times; otherwise each time has its own sums
         inner = scope.inner() if self.over_time else scope
         self._summed({}, self.summed, results, inner)
         if self.over_time:
@@ -175,7 +176,7 @@ class TiledSum:
             term: Expression | None = None
             for factor in self.factors:
                 element = factor.element(where[MOMENT], where)
-                # results of a tile share factors: this is what tiles are for
+                # results of a tile share factors
                 if element not in loaded:
                     loaded[element] = scope.constant("factor", element)
                 name = loaded[element]
@@ -185,7 +186,7 @@ class TiledSum:
 
 
 def _even(size: int, most: int) -> int:
-    """The length of tiles that cover the size with as few as possible, all about as long."""
-    # rounded up twice: as few tiles as cover the axis, then as short as that number allows
+    """The tile length that covers `size` with the fewest tiles of nearly equal length."""
+    # the smallest number of tiles, then the shortest length for this number
     tiles = -(-size // most)
     return -(-size // tiles)

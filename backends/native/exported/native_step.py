@@ -1,4 +1,4 @@
-"""Compiles the C of an export for this machine and calls its step from Python with few words."""
+"""Compiles the C code of an export for this machine and calls its step from Python."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _REALS: dict[Dtype, Any] = {"float32": ctypes.c_float, "float64": ctypes.c_doubl
 
 
 class NativeStep:
-    """One instance of the C of a program in step form, kept in the cache of kernels.
+    """One instance of the C code of a program in step form; its library is in the kernel cache.
 
     `inputs` and `outputs` are the structs of the step as one array of reals, field after field.
     Raises CompilerMissingError and KernelBuildError.
@@ -37,17 +37,21 @@ class NativeStep:
     ) -> None:
         physical = physical_weights(program, weights)
         texts = model_texts(program, interface, physical)
-        texts.pop(f"src/{interface.prefix}_params.c", None)  # other weights need no other code
+        texts.pop(
+            f"src/{interface.prefix}_params.c", None
+        )  # so that the code does not depend on weights
         text = one_text(texts)
         library = compiled_kernel(text).library
         layout = layout_metadata(program, interface, physical)["c"]
         real = _REALS[interface.options.dtype]
         self._c = CStep(layout, library, physical)
         self._ready = interface.ready if interface.has_state else None
-        # a struct without fields has one all the same
+        # a struct without fields has a dummy field
         self.inputs = (real * max(sum(input.field.size for input in interface.inputs), 1))()
         self.outputs = (real * max(sum(field.size for field in interface.outputs), 1))()
-        function = library[f"{interface.prefix}_step"]  # of its own: with types of its arguments
+        function = library[
+            f"{interface.prefix}_step"
+        ]  # a separate function object with argument types
         addresses = (*self._c.instance, *map(ctypes.addressof, (self.inputs, self.outputs)))
         function.restype, function.argtypes = ctypes.c_uint32, [ctypes.c_void_p] * len(addresses)
         self.step: Callable[[], int] = partial(function, *addresses)
@@ -58,7 +62,7 @@ class NativeStep:
         self._c.init()
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
-        """Sets all states, from samples around the first step; its status bits."""
+        """Sets all states from samples around the first step; returns status bits."""
         return self._c.reset(windows)
 
     def states(self) -> dict[str, Array]:
@@ -71,10 +75,10 @@ class NativeStep:
 
     @property
     def waiting(self) -> int:
-        """The bits of `ready` that say what was not set yet."""
+        """The bits of `ready` that mark unset states."""
         return 0 if self._ready is None else self._c.word(self._ready) & 3
 
     def no_longer_waits(self, bits: int) -> None:
-        """Takes bits away from `waiting`."""
+        """Clears bits of `waiting`."""
         if self._ready is not None:
             self._c.set_word(self._ready, self._c.word(self._ready) & ~bits)

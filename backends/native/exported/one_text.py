@@ -1,4 +1,4 @@
-"""Joins the files of generated C into the one text that the cache of kernels keeps."""
+"""Joins the files of generated C to a single source for the kernel cache."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 
 
 def one_text(texts: Mapping[str, str]) -> str:
-    """Headers and sources one after the other, without the lines that include one another."""
+    """Concatenates headers and sources, without the `#include` lines between them."""
     names = {PurePosixPath(path).name for path in texts}
     paths = [path for path in texts if path.startswith(("include/", "src/"))]
     ordered = sorted(paths, key=lambda path: (not path.startswith("include/"), path[-2:] != ".h"))

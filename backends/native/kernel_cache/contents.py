@@ -1,4 +1,4 @@
-"""Says what a folder of kernels holds, and throws away what is old or nobody's."""
+"""Lists the kernels in a folder, and removes old and orphaned files."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pathlib import Path
 
 _A_DAY = 86_400.0
 _UNDER_WAY = 3600.0
-"""Seconds after which a file without a kernel is one that a process left when it was killed."""
+"""Seconds after which a file without a kernel is considered left by a killed process."""
 
 _OF_KERNELS = re.compile(r"\.?(?:build-)?([0-9a-f]{32})[.-].*")
-"""Names of files and folders of a cache: others are left alone, wherever MSNN_CACHE leads to."""
+"""Names of cache files and folders; all others are ignored, wherever MSNN_CACHE points."""
 
 
 @dataclass(frozen=True, slots=True)
 class KeptKernel:
-    """A kernel's files, their bytes, and when one of them was written or the kernel was loaded."""
+    """A kernel's files, their size in bytes, and the time of its latest use."""
 
     files: tuple[Path, ...]
     size: int
@@ -29,31 +29,30 @@ class KeptKernel:
 
 @dataclass(frozen=True, slots=True)
 class CacheLimits:
-    """The age and size of what may stay; None for no limit. `days=0` keeps nothing."""
+    """Limits on age and size of the cache; None for no limit. `days=0` removes all kernels."""
 
     days: float | None = None
-    """Since a kernel was used, by the day."""
+    """Maximum days since the latest use."""
     megabytes: float | None = None
-    """Of all kernels together; those that were used last stay."""
+    """Maximum size of all kernels; the most recently used ones stay."""
 
 
 def kept_kernels(folder: Path) -> list[KeptKernel]:
-    """The kernels in a folder, the one that was used last first."""
-    # MSNN_CACHE may lead to a folder with somebody's other libraries: nothing of theirs is counted
-    # or removed
+    """The kernels in a folder, most recently used first."""
+    # MSNN_CACHE may be a folder with other libraries, which are neither counted nor removed
     keys = {path.stem for path in folder.glob("*.so") if _OF_KERNELS.fullmatch(path.name)}
     return sorted((_kernel(folder, key) for key in keys), key=lambda kernel: -kernel.used)
 
 
 def clean(folder: Path, limits: CacheLimits) -> Sequence[KeptKernel]:
-    """Removes kernels beyond the limits and what killed processes left; the kernels removed.
+    """Removes kernels beyond the limits and files of killed processes; returns the removed kernels.
 
     A kernel that another process has loaded stays in its memory.
     """
     now, room = time.time(), _bytes(limits.megabytes)
     removed: list[KeptKernel] = []
     for kernel in kept_kernels(folder):
-        # the newest first, so that what is beyond the limit was used longest ago
+        # newest first, so that the least recently used ones exceed the limit
         room -= kernel.size
         too_old = limits.days is not None and now - kernel.used >= limits.days * _A_DAY
         if too_old or room < 0:
@@ -78,7 +77,7 @@ def _kernel(folder: Path, key: str) -> KeptKernel:
     for suffix in (".so", ".sha256", ".checked"):
         path = folder / f"{key}{suffix}"
         with suppress(OSError):
-            # of a link itself: whatever it leads to is not ours
+            # lstat: the target of a link is not ours
             found = path.lstat()
             files.append(path)
             size, used = size + found.st_size, max(used, found.st_mtime)
@@ -86,14 +85,13 @@ def _kernel(folder: Path, key: str) -> KeptKernel:
 
 
 def _left_over(folder: Path, now: float) -> list[Path]:
-    """The remains of builds that never ended, and notes on kernels that are gone."""
+    """Remains of interrupted builds, and notes of removed kernels."""
     left: list[Path] = []
     for path in folder.iterdir():
         named = _OF_KERNELS.fullmatch(path.name)
         if named is None:
             continue
-        # notes live as long as their kernel; locks and folders of builds only as long as somebody
-        # builds
+        # notes last as long as their kernel; locks and build folders only during a build
         lasting = not path.name.startswith(".") and path.suffix != ".lock"
         if lasting and (folder / f"{named[1]}.so").exists():
             continue

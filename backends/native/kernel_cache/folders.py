@@ -1,4 +1,4 @@
-"""Chooses the folder in which kernels are kept: the wanted one, else one of the user alone."""
+"""Chooses the folder for kernels: the configured one, otherwise one of the user."""
 
 from __future__ import annotations
 
@@ -18,69 +18,68 @@ from backends.native.kernel_cache.trust import why_folder_is_not_trusted
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A folder that was wanted and cannot be taken, and why."""
+    """A requested folder that cannot be used, and the reason."""
 
     folder: Path
     reason: str
     is_foreign: bool
-    """Others could have put kernels into it; else it is only full or closed."""
+    """True if others could have written kernels to it; otherwise it is full or not writable."""
 
 
 @dataclass(frozen=True, slots=True)
 class KernelFolder:
-    """The folder in which kernels are kept, and why it is not the one that was wanted."""
+    """The folder for kernels, and the reason why it is not the requested one."""
 
     path: Path | None
-    """None where nothing can be kept: kernels are built in a folder that goes away at once."""
+    """None if no folder works; kernels are then built in a temporary folder."""
     refused: Refusal | None
 
 
 def cache_folder() -> Path:
-    """The folder in which kernels are wanted: MSNN_CACHE, else the user's cache folder."""
+    """The requested folder: MSNN_CACHE, otherwise the user's cache folder."""
     given = os.environ.get("MSNN_CACHE")
     return Path(given) if given else _folder_of_the_user()
 
 
 def kernel_folder() -> KernelFolder:
-    """The folder that keeps the kernels which are built now."""
+    """The folder that stores new kernels."""
     first: Refusal | None = None
     for folder in candidates():
         refused = _refusal(folder)
         if refused is None:
             return KernelFolder(folder, first)
-        # people are told of the folder that they wanted, not of the last one that was tried
+        # users need the reason for the requested folder, not for the last candidate
         first = first or refused
     return KernelFolder(None, first)
 
 
 def candidates() -> Iterator[Path]:
-    """Folders to keep kernels in, the best first."""
+    """Folders for kernels, best first."""
     yield from dict.fromkeys((cache_folder(), _folder_of_the_user(), _temporary_folder()))
 
 
 def opened(folder: Path) -> tuple[Path, str | None]:
-    """The folder without symbolic links, made where it is missing, and why it is not trusted.
+    """The folder without symbolic links, created if missing, and the reason why it is not trusted.
 
-    What is made is closed to others. Raises OSError.
+    New folders are private to the user. Raises OSError.
     """
     real = Path(os.path.realpath(folder))
     missing = [place for place in (real, *real.parents) if not place.exists()]
     if missing:
-        # asked before anything is made: a folder made inside somebody else's could be swapped at
-        # once
+        # checked first: a folder created inside another user's folder could be swapped
         reason = why_folder_is_not_trusted(missing[-1].parent, is_above=True)
         if reason is not None:
             return real, reason
     for place in reversed(missing):
         with suppress(FileExistsError):
-            # one by one: `parents=True` would give the folders above the mode of the umask
+            # one by one: `parents=True` would create parents with the mode of the umask
             place.mkdir(mode=0o700)
     return real, why_folder_is_not_trusted(real)
 
 
 @cache
 def _had_room(folder: Path) -> None:
-    """As `has_room`, asked once a process of a folder that has some: a MB is written for it."""
+    """Like `has_room`, cached once it succeeds, as it writes 1 MB."""
     has_room(folder)
 
 

@@ -1,4 +1,4 @@
-"""Lets one process at a time build a file; a process that dies gives its lock back."""
+"""A lock file, so that one process at a time builds a kernel; the lock ends with the process."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 @contextmanager
 def locked(path: Path, limit: float) -> Generator[None]:
-    """Holds the lock file `path`, which is gone afterwards; waits `limit` seconds at most.
+    """Holds the lock file `path` and removes it afterwards; waits at most `limit` seconds.
 
-    After the limit, or on a file system without locks, the block runs all the
-    same: what is built is renamed into its place whole, so that two builders only do the work
-    twice. So it does on Windows. Raises OSError where no file can be made.
+    After the limit, on Windows, or on a file system without locks, the block runs anyway. The
+    result is renamed into place atomically, so that two builders only duplicate work. Raises
+    OSError if no file can be created.
     """
     if sys.platform == "win32":
         yield
@@ -28,8 +28,7 @@ def locked(path: Path, limit: float) -> Generator[None]:
     descriptors: list[int] = []
 
     def taken() -> bool:
-        # opened anew at each try: the file that the last try opened may have been removed by its
-        # holder
+        # opened again at each try: the holder may have removed the previous file
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         if not _is_ours(path, descriptor):
             os.close(descriptor)
@@ -43,18 +42,17 @@ def locked(path: Path, limit: float) -> Generator[None]:
     finally:
         for descriptor in descriptors:
             with suppress(FileNotFoundError):
-                # removed while it is held, so that nobody locks the name of a file that is about to
-                # go
+                # removed while locked, so that nobody locks a file that is about to be removed
                 path.unlink()
             os.close(descriptor)
 
 
 def _is_ours(path: Path, descriptor: int) -> bool:
-    import fcntl  # of POSIX alone
+    import fcntl  # POSIX only
 
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # the holder before may have removed the file: a lock on what is gone keeps nobody out
+        # the previous holder may have removed the file; a lock on a removed file has no effect
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except (BlockingIOError, FileNotFoundError):
         return False

@@ -1,4 +1,4 @@
-"""Keeps one kernel in a folder: the library, and beside it the hash of its bytes."""
+"""Stores one kernel in a folder: the library, and the hash of its bytes."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _A_DAY = 86_400.0
 if sys.platform == "win32":
     _ALONE = os.O_BINARY | os.O_NOINHERIT
 else:
-    # a link would lead past the trusted folder, and a pipe of that name would wait for a writer
+    # a link could leave the trusted folder, and a pipe would wait for a writer
     _ALONE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
 @dataclass(frozen=True, slots=True)
 class StoredKernel:
-    """A kernel by its key in a folder that is trusted."""
+    """A kernel, by its key, in a trusted folder."""
 
     folder: Path
     key: str
@@ -42,19 +42,19 @@ class StoredKernel:
 
     @property
     def digest(self) -> Path:
-        """The file with the hash of the library's bytes, written after them."""
+        """The file with the hash of the library's bytes, written after the library."""
         return self.folder / f"{self.key}.sha256"
 
     @property
     def seal(self) -> Path:
-        """The file that says that these bytes were found right."""
+        """The file that marks these bytes as verified."""
         return self.folder / f"{self.key}.checked"
 
     def whole(self) -> str | None:
-        """The hash of the library, if it is that of the day it was built; else None.
+        """The hash of the library if it equals the stored hash; otherwise None.
 
-        A library that is cut off or changed would end the process at a signal when it is loaded. A
-        file that others could write is as good as none.
+        Loading a truncated or modified library could crash the process. Files that others can write
+        do not count.
         """
         noted, bytes_ = _read(self.digest), _read(self.library)
         if noted is None or bytes_ is None:
@@ -63,20 +63,20 @@ class StoredKernel:
         return found if noted == found.encode() else None
 
     def load(self) -> ctypes.CDLL:
-        """The library in this process. OSError where the system refuses it."""
-        with suppress(OSError):  # a folder that can only be read
+        """Loads the library. Raises OSError if the system refuses it."""
+        with suppress(OSError):  # a read-only folder
             if time.time() - self.digest.stat().st_mtime > _A_DAY:
-                os.utime(self.digest)  # when it was used last, for who cleans up
+                os.utime(self.digest)  # time of latest use, for `clean`
         return ctypes.CDLL(str(self.library))
 
     def built(self, build: Callable[[Path, Path], None]) -> str:
-        """Builds the library unless somebody else did meanwhile; its hash.
+        """Builds the library unless another process did meanwhile; returns its hash.
 
-        `build` makes a library of that path and may use that folder. Raises what it raises, and
-        OSError where the folder takes no files.
+        `build(library, folder)` creates the library and may use the folder. Raises its exceptions,
+        and OSError if the folder accepts no files.
         """
         with locked(self.folder / f"{self.key}.lock", 2 * compiler_limit()):
-            # looked at again under the lock: the holder before has probably built the same
+            # checked again under the lock: the previous holder has probably built it
             found = self.whole()
             if found is not None:
                 return found
@@ -89,25 +89,24 @@ class StoredKernel:
                 build(library, Path(place))
                 bytes_ = library.read_bytes()
             found = hashlib.sha256(bytes_).hexdigest()
-            # before the new bytes: a seal must never stand beside others than those that were
-            # compared
+            # removed first: a seal is valid only for the bytes that were verified
             self.seal.unlink(missing_ok=True)
             _write(self.library, bytes_)
             _write(self.digest, found.encode())
             return found
 
     def is_checked(self, digest: str) -> bool:
-        """Whether somebody found the library with this hash right."""
+        """True if the library with this hash was verified."""
         return _read(self.seal) == digest.encode()
 
     def mark_checked(self, digest: str) -> None:
-        """Notes that the library with this hash is right; nothing where nothing can be written."""
+        """Marks the library with this hash as verified, if the folder is writable."""
         with suppress(OSError):
             _write(self.seal, digest.encode())
 
 
 def _read(path: Path) -> bytes | None:
-    """The bytes of a file that only this user could write, or None."""
+    """The bytes of a file that only this user can write, or None."""
     try:
         descriptor = os.open(path, os.O_RDONLY | _ALONE)
     except OSError:
@@ -120,7 +119,7 @@ def _read(path: Path) -> bytes | None:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Puts the bytes on the disk, then under their name, then the name on the disk."""
+    """Writes the bytes to disk, renames the file into place, and syncs the folder."""
     with replacing(path, takes_streams=False) as temporary:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | _ALONE, 0o600)
         with open(descriptor, "wb") as file:  # noqa: PTH123  (there is a descriptor, not a path)

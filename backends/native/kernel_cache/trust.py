@@ -1,4 +1,4 @@
-"""Says who else could have put a file where it lies: what others may write is never run."""
+"""Decides if other users could have written a file: such files are never executed."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from pathlib import Path
 
 
 def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | None:
-    """The reason: who but this user and root may change files of a folder; None where nobody may.
+    """The reason why others can change files of a folder; None if only this user and root can.
 
-    `folder` has no symbolic link in it (`os.path.realpath`) and exists. It and every folder above
-    it belong to the user or to root and are closed to others, but for those with the sticky bit
-    (`/tmp`), in which nobody can replace what belongs to somebody else. Such a one will do itself
-    where it only `is_above` the folder that is meant. Raises OSError. Windows keeps the folders of
-    a user's profile from others by lists that are not read here.
+    `folder` exists and has no symbolic link in it (`os.path.realpath`). It and its parents must
+    belong to the user or root and be closed to others. Parents with the sticky bit (`/tmp`) are
+    allowed, since nobody can replace files of other users there; with `is_above` also the folder
+    itself. Raises OSError. Windows protects the user's profile by access lists, which are not
+    checked here.
     """
     if sys.platform == "win32":
         return None
     for place in (folder, *folder.parents):
-        # `lstat`: a link that appeared after `realpath` shows as no folder instead of being
-        # followed
+        # `lstat`: a link created after `realpath` is not followed
         found = place.lstat()
         if not stat.S_ISDIR(found.st_mode):
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place))
@@ -36,8 +35,8 @@ def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | 
 
 
 def is_trusted_file(descriptor: int) -> bool:
-    """Whether an open file is one that only this user or root could write."""
-    # of the open file: its path may lead to another one by now
+    """True if only this user or root can write the open file."""
+    # the open file, since its path may be another file by now
     found = os.fstat(descriptor)
     if sys.platform == "win32":
         return stat.S_ISREG(found.st_mode)
@@ -45,7 +44,7 @@ def is_trusted_file(descriptor: int) -> bool:
 
 
 def _stranger(found: os.stat_result) -> str | None:
-    """The owner, if that is neither this user nor root, who may do anything anyway."""
+    """The owner, unless it is this user or root."""
     if found.st_uid in (os.geteuid(), 0):
         return None
     import pwd  # of POSIX alone
@@ -63,7 +62,7 @@ def _others_may_write(found: os.stat_result) -> bool:
 
 
 def _is_group_of_the_user_alone(group: int) -> bool:
-    """Whether a group is the user's private one, as systems with `umask 002` give to everybody."""
+    """True for the user's private group, as on systems with `umask 002`."""
     import grp
     import pwd
 

@@ -1,7 +1,7 @@
-"""Rounds a product and the sum that it is added to once: the emitter decides where, no compiler.
+"""Writes fused multiply-adds explicitly, so that no compiler chooses them.
 
-A processor multiplies and adds in one instruction, with one rounding. Compilers may use it wherever
-they like, and each likes other places: then the same kernel trains to other bits.
+A processor can multiply and add in one instruction with one rounding. Compilers choose different
+places for it, so the same kernel would train to different bits.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import assert_never
 from backends.c_language import tree as c
 
 FUSED = "fused"
-"""a · b + c rounded once, in the kernel's prelude."""
+"""a · b + c rounded once; defined in the kernel's prelude."""
 
 
 def with_fused_products(function: c.Function) -> c.Function:
-    """The function with `fused` wherever a term of a sum or difference is written as a product.
+    """Uses `fused` for every sum or difference with a product as a term.
 
-    Of two products the right one is fused: a·b + c·d becomes fused(c, d, a·b).
+    For two products the right one is fused: a·b + c·d becomes fused(c, d, a·b).
     """
     return replace(function, body=_block(function.body))
 
@@ -48,7 +48,7 @@ def _expression(expression: c.Expression) -> c.Expression:
     match expression:
         case c.Binary("+" | "-" as operator, left, right):
             negative = operator == "-"
-            # a − b·c is fused(−b, c, a): a changed sign rounds nothing
+            # a − b·c is fused(−b, c, a): negation is exact
             if (factors := _factors(right, negative=negative)) is not None:
                 return c.Call(FUSED, (*factors, _expression(left)))
             if (factors := _factors(left)) is not None:
@@ -75,12 +75,14 @@ def _expression(expression: c.Expression) -> c.Expression:
 def _factors(
     expression: c.Expression, *, negative: bool = False
 ) -> tuple[c.Expression, c.Expression] | None:
-    """Two factors whose product the expression is, or its negative; None if it is no product."""
+    """Two factors whose product, or negated product, is the expression; None for other
+    expressions.
+    """
     match expression:
         case c.Unary("-", operand):
             return _factors(operand, negative=not negative)
         case c.Binary("*", left, right):
-            # the sign goes to a factor: −(a·b) rounded is (−a)·b rounded
+            # the sign moves to a factor: −(a·b) and (−a)·b round identically
             first = _expression(left)
             return c.Unary("-", first) if negative else first, _expression(right)
         case _:

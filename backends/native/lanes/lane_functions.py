@@ -1,4 +1,4 @@
-"""Writes the functions that one lane group runs: start, step, reverse step and reverse start."""
+"""Writes the functions for one lane group: start, step, reverse step and reverse start."""
 
 from __future__ import annotations
 
@@ -30,24 +30,25 @@ from compiler.ir.training.values import (
 from compiler.ir.types import WINDOW, Type
 
 UNROLL = 4
-"""Elements up to which loops are written out; the compiler unrolls the longer ones itself."""
+"""Maximum number of elements for which loops are unrolled here; the compiler unrolls longer
+ones."""
 
 PARALLEL_SUMS = 4
-"""As many as hide the latency of a multiply-add (4 cycles on current processors)."""
+"""Number of partial sums; 4 hide the latency of a multiply-add (4 cycles on current processors)."""
 
 GRADIENT = "gradient"
 PARAMETERS = "theta"
 
 
 class LaneWriter:
-    """One function; also where its graph finds its leaves."""
+    """Writes one function; it also resolves the leaves of its graph to places in C."""
 
     def __init__(self, memory: LaneMemory, graph: Graph, functions: FunctionTable) -> None:
         self.memory = memory
         self.graph = graph
         self.time = Index()
-        """The time of what is read, in samples after the rows that the function is given."""
-        # names of the spec become names in C: arguments come first, and locals give way to them
+        """Time offset of reads, in samples after the rows that the function receives."""
+        # arguments are named first; locals with the same name are renamed
         self.scope = BlockScope(LocalNames("msnn"))
         for tape in (*memory.signals.values(), *memory.buffers.values()):
             self.scope.reserve(tape.name)
@@ -78,11 +79,11 @@ class LaneWriter:
                 assert_never(op)
 
     def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
-        """The newest sample is stored behind the others, unless it stands there already."""
+        """Stores the newest sample after the others, unless it is already there."""
         tape = self.memory.buffers[op.state]
         count = tape.last + 1
         row = self._now(tape.place(newest.shape, tape.last, None), tape.elements)
-        # the step often computed the sample where it belongs
+        # the step often computes the sample in place
         if row != newest:
             copy_value(newest, row, scope, UNROLL)
         return self._now(tape.place((*newest.shape, count), 0, count), tape.elements)
@@ -90,7 +91,7 @@ class LaneWriter:
     def _given(self, value: TrainingValue, type: Type) -> ArrayView:
         match value:
             case LossScale(loss):
-                # by place: the kernel's caller gives one scale for each loss, in this order
+                # by index: the caller passes one scale per loss, in this order
                 names = [term.loss.name for term in self.memory.step.losses]
                 return ArrayView(Name("scale"), (), (), Index(names.index(loss)))
             case KeptRow(node):
@@ -120,7 +121,7 @@ class LaneWriter:
         return adjoint_of(tape.place(type.shape, tape.last, None))
 
     def _now(self, place: ArrayView, elements: int) -> ArrayView:
-        """The place where the row of `elements` stands that belongs to the time of the function."""
+        """The place of the row for the function's time; rows have `elements` elements."""
         return replace(place, offset=place.offset.plus(self.time.times(elements)))
 
     def state_place(self, state: State) -> ArrayView:
@@ -153,7 +154,7 @@ class LaneWriter:
         self.scope.each(target.shape, UNROLL, one)
 
     def collect(self, adjoint: LateAdjoint) -> None:
-        """Adds to the adjoint of a buffer's newest sample what later steps owe to it."""
+        """Adds the contributions of later steps to the adjoint of a buffer's newest sample."""
         graph, tape = self.graph, self.memory.late_adjoints[adjoint]
         taps = GraphLowering(graph, [adjoint.taps], self, self.scope, self.locals).value(
             adjoint.taps
@@ -168,11 +169,11 @@ class LaneWriter:
         self._add_value(value, newest)
 
     def factors(self, product: Node) -> list[Factor]:
-        """The operands of a product or contraction, views of what stands in rows over time."""
+        """The operands of a product or contraction, as views of rows over time."""
         args = product.args
         until = Graph(self.graph.nodes[: max(args) + 1])
         moved: list[list[ArrayView]] = []
-        # lowered at two times: the difference of the places tells how far rows are apart (`Factor`)
+        # lowered at two times: the difference of the places is the stride of rows (`Factor`)
         for time in (0, 1):
             self.time = Index(time)
             lowered = GraphLowering(until, args, self, self.scope, self.locals)
@@ -205,6 +206,6 @@ def array(name: str, shape: tuple[int, ...], offset: Index | None = None) -> Arr
 
 
 def adjoint_of(place: ArrayView) -> ArrayView:
-    """The adjoint of what stands in a tape: the same place in the tape of adjoints."""
+    """The adjoint of a value in a tape: the same place in the tape of adjoints."""
     assert isinstance(place.storage, Name)
     return ArrayView(Name(f"d_{place.storage.text}"), place.shape, place.strides, place.offset)

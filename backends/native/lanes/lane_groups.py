@@ -1,4 +1,4 @@
-"""Puts rollouts side by side in the lanes of a kernel: groups of one length, the last padded."""
+"""Arranges rollouts in the lanes of a kernel: groups of equal length, padded at the end."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Groups = NDArray[Any]
 """An array of `struct group`."""
 
 LANES = {"float32": 16, "float64": 8}
-"""Rollouts of a group: GROUP in the prelude of the kernels."""
+"""Rollouts per group: GROUP in the prelude of the kernels."""
 
 
 def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """`struct group` of the kernels: steps, rows of the starts, a mask of lanes in use."""
-    # masks have integers of the size of the reals beside them
+    """`struct group` of the kernels: steps, start rows, and a mask of used lanes."""
+    # mask elements have the size of the reals
     truth = np.int32 if dtype.itemsize == 4 else np.int64
     fields = [("steps", np.int64), ("start", np.int64, (lanes,)), ("used", truth, (lanes,))]
     return np.dtype(fields, align=True)
@@ -27,21 +27,21 @@ def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:
 def lane_groups(
     type: np.dtype[Any], starts: Rows, steps: Rows, sizes: Sequence[int]
 ) -> tuple[Groups, Rows]:
-    """Groups of batches of `sizes` rollouts, and where each batch begins and ends among them.
+    """Groups of batches of `sizes` rollouts, and the bounds of each batch among the groups.
 
-    Rollout i begins at row `starts[i]` and has `steps[i]` steps; in a batch the longest come first.
-    Lanes that are left over repeat the last rollout of their group and are marked as not used.
+    Rollout i starts at row `starts[i]` and has `steps[i]` steps; within a batch the longest come
+    first. Unused lanes repeat the last rollout of their group and are marked as unused.
     """
     lanes = type["start"].shape[0]
     batch = np.repeat(np.arange(len(sizes)), sizes)
-    # the last key counts first: by batch, then by falling length
+    # the last key is the primary one: by batch, then by descending length
     order = np.lexsort((-steps, batch))
     batch, sorted_steps = batch[order], steps[order]
     new = (np.diff(batch) != 0) | (np.diff(sorted_steps) != 0)
     begins = np.concatenate([[0], np.flatnonzero(new) + 1])
     members = np.diff([*begins, len(order)])
     count = -(-members // lanes)
-    # for each lane: how many lanes of rollouts of its length and batch stand before it
+    # for each lane: its index among the lanes of its length and batch
     within = np.arange(count.sum() * lanes) - np.repeat(
         np.cumsum(count * lanes) - count * lanes, count * lanes
     )
@@ -50,7 +50,7 @@ def lane_groups(
     groups = np.zeros(len(chosen), type)
     groups["steps"] = steps[chosen[:, 0]]
     groups["start"] = starts[chosen]
-    # −1 has all bits set, as what a comparison of vectors makes
+    # −1 has all bits set, like the result of a vector comparison
     groups["used"] = -(within < members_there).reshape(-1, lanes).astype(int)
     ends = np.cumsum(np.bincount(np.repeat(batch[begins], count), minlength=len(sizes)))
     return groups, np.concatenate([[0], ends])

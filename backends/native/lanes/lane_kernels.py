@@ -1,4 +1,4 @@
-"""Lowers the math kernels for a group of lanes: both sides of a branch, then a choice.
+"""Lowers math kernels for a group of lanes: both sides of a branch, then a selection.
 
 A side that no lane takes is skipped, so that rare cases (angles beyond 2^17) cost nothing.
 """
@@ -38,14 +38,14 @@ _SHIFTS = (Operator.SHIFT_LEFT, Operator.SHIFT_RIGHT)
 
 
 def lane_kernels(names: Iterable[str], format: Format, prefix: str) -> str:
-    """Definitions of the kernels and of what they call, callees first."""
+    """Definitions of the kernels and the functions that they call, callees first."""
     printer = LaneKernelPrinter(prefix, dtype_of(format))
     lowered = (_LaneLowering(routine, printer) for routine in callees_first(names, format))
     return "\n".join(printer.function(with_fused_products(each.function())) for each in lowered)
 
 
 class LaneKernelPrinter(LanePrinter):
-    """The printer of functions whose integers have a lane for each sample too."""
+    """Prints functions whose integers are vectors with one lane per sample as well."""
 
     exact = True
 
@@ -73,18 +73,18 @@ class LaneKernelPrinter(LanePrinter):
         return super().operand(expression)
 
     def table(self, table: c.ConstantTable) -> str:
-        """A constant array of which each lane reads its own entry."""
+        """A constant array from which each lane reads its own entry."""
         return KernelPrinter(self.prefix, self.dtype).table(table)
 
 
 class _LaneLowering(RoutineLowering):
-    """Every value is a variable of its own, except products: the sum they are in may take them."""
+    """Every value is a variable, except products that may be fused with their sum."""
 
     def name(self, local: Local) -> str:
         return f"v{local.index}"
 
     def inlines(self, target: Local, operation: Operation, value: c.Expression) -> bool:
-        # used once: a product that two sums take would be computed twice
+        # only if used once: otherwise the product would be computed twice
         product = isinstance(operation, Binary) and operation.operator is Operator.MULTIPLY
         return product and target.kind is ValueKind.REAL and self.uses[target] == 1
 
@@ -101,9 +101,9 @@ class _LaneLowering(RoutineLowering):
             body, values = self.block(block)
             for target, value in zip(branch.targets, values, strict=True):
                 name = c.Name(self.name(target))
-                # lanes that do not take this side keep what they have
+                # lanes that do not take this side keep their value
                 body.append(c.Assign(name, self.select(target.kind, taken, value, name)))
-            # in this order: the second side selects among what the first has written
+            # in this order: the second side selects between its value and that of the first
             made.append(c.If(c.Call("any_lane", (taken,)), tuple(body)))
         return made
 
@@ -116,11 +116,11 @@ class _LaneLowering(RoutineLowering):
     def binary(self, operator: Operator, left: Operand, right: Operand) -> c.Expression:
         first, second, kind = self.operand(left), self.operand(right), left.kind
         if operator in _SHIFTS:
-            # lanes of the side not taken may hold any count
+            # lanes that do not take this side can have any shift count
             limit = Constant(kind, 63 if kind is ValueKind.WIDE else 31)
             second = c.Binary("&", second, self.operand(limit))
         result = c.Binary(_LOGICAL.get(operator, operator.value), first, second)
-        # a mask of words has the size of the words, one of lanes that of the reals
+        # a mask of words has the size of words, a mask of lanes that of reals
         if operator in COMPARISONS and kind is not ValueKind.REAL:
             return c.Convert(c.CType.BOOL, result)
         return result
@@ -131,6 +131,6 @@ class _LaneLowering(RoutineLowering):
         return c.Call(_CHOICES[kind], (condition, then, otherwise))
 
     def entry(self, table: c.ConstantTable, index: c.Expression) -> c.Expression:
-        """An entry a lane; lanes of the side not taken read entry 0."""
+        """One entry per lane; lanes that do not take this side read entry 0."""
         arguments = (c.Name(table.name), c.Integer(len(table.values)), index)
         return c.Call(_LOOK_UPS[table.type], arguments)

@@ -1,4 +1,4 @@
-"""Places the values of a rollout: signals and buffers as arrays over time, never rings."""
+"""Memory layout of a rollout: signals and buffers as arrays over time, not rings."""
 
 from __future__ import annotations
 
@@ -31,21 +31,23 @@ def _shape(axes: tuple[Axis, ...]) -> tuple[int, ...]:
 
 @dataclass(frozen=True, slots=True)
 class LaneTape:
-    """Rows of samples of one lane group, a row of `elements` a time, oldest first.
+    """Rows of samples of one lane group, one row of `elements` per time, oldest first.
 
-    A function that works at time t gets a pointer to the row of `first` samples after t.
+    A function for time t gets a pointer to the row of sample t+`first`.
     """
 
     name: str
     elements: int
     first: int
     last: int
-    """Samples after t of the last row that is used at t."""
+    """Offset from t of the last row that is used at t."""
 
     def place(self, shape: tuple[int, ...], first: int, count: int | None) -> ArrayView:
-        """Samples t+first … (`count` of them as the last axis of the shape, None for one)."""
-        # A row a time means that t+k is a fixed distance away: no index is taken modulo anything,
-        # and a window is a view that overlaps the one of the step before.
+        """Samples t+first … (`count` of them as the last axis of the shape; None for one
+        sample).
+        """
+        # One row per time: t+k is at a fixed distance without modulo, and a window is a view that
+        # overlaps that of the previous step.
         offset = Index((first - self.first) * self.elements)
         if count is None:
             return ArrayView(Name(self.name), shape, c_strides(shape), offset)
@@ -70,7 +72,7 @@ class LaneMemory:
         for graph in (self.program.step, self.program.start):
             for log in (True, False):
                 for name, extent in extents(graph, log=log).items():
-                    # step and start get pointers to the same rows: they cover what either reads
+                    # step and start get pointers to the same rows, which cover the reads of both
                     before = found.get(name)
                     found[name] = before.union(extent) if before else extent
         taken: set[str] = set()
@@ -87,15 +89,14 @@ class LaneMemory:
 
     @cached_property
     def buffers(self) -> dict[str, LaneTape]:
-        """The samples of each buffer; at t it holds rows 0 … n−1, the newest becomes row n."""
+        """The samples of each buffer: at t rows 0 … n−1, the newest sample becomes row n."""
         taken: set[str] = set()
         return {
             state.name: LaneTape(
                 c_identifier(f"tape_{state.name}", taken),
                 size_of(state.axes[:-1]),
                 0,
-                # n rows are held at t and the newest is row n: pointers at t+1 begin one row later,
-                # nothing moves
+                # at t+1 the pointer starts one row later, so no sample is moved
                 state.axes[-1].size,
             )
             for state in self.program.states
@@ -103,20 +104,20 @@ class LaneMemory:
         }
 
     def newest_row(self, state: State) -> ArrayView:
-        """The row that takes the newest sample of a buffer at t."""
+        """The row for the newest sample of a buffer at t."""
         tape = self.buffers[state.name]
         return tape.place(_shape(state.axes[:-1]), tape.last, None)
 
     def adjoint_rows(self, state: State) -> ArrayView:
-        """The adjoints of the samples that a buffer holds at t."""
+        """The adjoints of the samples in a buffer at t."""
         tape = self.buffers[state.name]
         place = tape.place(_shape(state.axes), 0, state.axes[-1].size)
-        # adjoints lie as their samples do: the same view of another array
+        # adjoints have the layout of their samples, in another array
         return ArrayView(Name(f"d_{tape.name}"), place.shape, place.strides, place.offset)
 
     @cached_property
     def plain(self) -> dict[str, tuple[str, State]]:
-        """The C name of each state that is no buffer."""
+        """The C name of each state that is not a buffer."""
         taken: set[str] = set()
         return {
             state.name: (c_identifier(f"state_{state.name}", taken), state)
@@ -130,7 +131,7 @@ class LaneMemory:
 
     @cached_property
     def rows(self) -> dict[NodeId, LaneTape]:
-        """The values over time of nodes that are kept."""
+        """Rows over time of stored nodes."""
         reverse = self.step.reverse_step.graph
         return {
             node: LaneTape(f"row_{node}", reverse[node].type.size, 0, 0)
@@ -139,7 +140,7 @@ class LaneMemory:
 
     @cached_property
     def late_adjoints(self) -> dict[LateAdjoint, LaneTape]:
-        """Sources over the time, the latest time first; at t the newest becomes row n."""
+        """Sources over time, latest time first; at t the newest becomes row n."""
         reverse = self.step.reverse_step.graph
         return {
             adjoint: LaneTape(
@@ -150,7 +151,7 @@ class LaneMemory:
 
     @cached_property
     def parameters(self) -> dict[str, int]:
-        """The first number of each parameter among all that are learned or held."""
+        """Index of the first element of each parameter among all parameters."""
         offsets: dict[str, int] = {}
         total = 0
         for parameter in self.program.parameters:
@@ -164,7 +165,7 @@ class LaneMemory:
 
 
 def read_of(tape: LaneTape, op: ReadSignal | ReadLog, axes: tuple[Axis, ...]) -> ArrayView:
-    """The samples that a node reads of a signal."""
+    """The samples of a signal that a node reads."""
     shape = tuple(axis.size for axis in axes)
     windowed = bool(axes) and axes[-1].name == WINDOW
     return tape.place(shape, op.first, axes[-1].size if windowed else None)

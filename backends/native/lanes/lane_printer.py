@@ -1,4 +1,4 @@
-"""Prints the C tree with a whole group of samples in each real: one vector, one lane a sample."""
+"""Prints the C tree with vectors instead of reals: one lane per rollout."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from backends.native.arrangement.tiled_sums import HORIZON, TimeLoop
 
 
 class LanePrinter(Printer):
-    """The printer of controllers with vectors for reals and masks for truth values.
+    """Prints like the printer of controllers, with vectors for reals and masks for bools.
 
-    Vector extensions of gcc and clang have no literals and, in C, no `?:`; the kernel's prelude
-    has `splat` and `choose` for them.
+    Vector extensions of gcc and clang have no literals and, in C, no `?:`. The kernel's prelude
+    defines `splat` and `choose` instead.
     """
 
     def type(self, type: c.CType) -> str:
@@ -49,10 +49,10 @@ class LanePrinter(Printer):
     def statement(self, statement: c.Statement) -> Iterable[str]:
         match statement:
             case TimeLoop(variable=time, stop=step, body=body, rest=rest):
-                # the samples behind the last whole turn
+                # the remaining samples after the last full iteration
                 begin = f"{HORIZON} - ({HORIZON} % {step}U)" if rest else "0"
                 stop = (
-                    # never HORIZON - step, which wraps to a huge size where the horizon is short
+                    # not HORIZON - step, which underflows for a short horizon
                     f"{time} < {HORIZON}" if rest or step == 1 else f"{time} + {step} <= {HORIZON}"
                 )
                 by = 1 if rest else step
@@ -67,7 +67,7 @@ class LanePrinter(Printer):
         yield "}"
 
     def table(self, table: c.ConstantTable) -> str:
-        """A constant array, every number in all lanes."""
+        """A constant array with every value in all lanes."""
         numbers = [f"all({self.number(value)})" for value in table.values]
         head = f"static const lanes {table.name}[{len(numbers)}]"
         return f"{head} = {self.braced(numbers)};"

@@ -1,4 +1,4 @@
-"""Opens a compiled kernel that runs rollouts on lanes, in float64."""
+"""Loads a compiled kernel that runs rollouts on lanes, in float64."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from backends.native.lanes.lane_groups import LANES
 
 DTYPE = np.dtype(np.float64)
 WIDTH = LANES["float64"]
-"""Rollouts side by side."""
+"""Rollouts per group."""
 
 
 class LaneLibrary:
-    """A kernel compiled here, with the memory and the logs that its functions take.
+    """A compiled kernel, with the memory and logs for its functions.
 
     Raises CompilerMissingError.
     """
@@ -29,7 +29,7 @@ class LaneLibrary:
         self.source, self.dtype, self.lanes = source, DTYPE, WIDTH
         self.built = compiled_kernel(source.text, on_lanes=True)
         self._library = self.built.library
-        # int is what ctypes takes else, and long rollouts need more than 2 GiB
+        # ctypes assumes int, but long rollouts need more than 2 GiB
         self._library.msnn_work_lanes.restype = ctypes.c_int64
         self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
 
@@ -39,9 +39,9 @@ class LaneLibrary:
         skip: int = 0,
         scored: Mapping[str, NDArray[np.bool_]] | None = None,
     ) -> KernelData:
-        """The logs as the kernel reads them; `skip` and `scored` are for the losses."""
+        """The logs in the kernel's layout; `skip` and `scored` affect the losses."""
         return KernelData(self.source, DTYPE, series, skip, scored)
 
     def _work(self, steps: int) -> NDArray[np.uint8]:
-        """Memory for rollouts of at most so many steps."""
+        """Memory for rollouts of at most `steps` steps."""
         return aligned(self._library.msnn_work_lanes(steps) * WIDTH * DTYPE.itemsize)

@@ -1,4 +1,4 @@
-"""Runs rollouts in a kernel, in float64: the outputs of every step, and the sums of losses."""
+"""Runs rollouts in a kernel, in float64: outputs of every step, and sums of losses."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from compiler.ir.program import Program
 FloatArray = NDArray[np.float64]
 
 _AT_ONCE = 1 << 14
-"""Steps of groups that one call runs: a multiple of SEGMENT of templates/native/rollouts.c.j2."""
+"""Steps per call: a multiple of SEGMENT of templates/native/rollouts.c.j2."""
 _LANE_ROWS = np.dtype([("steps", np.int64, (WIDTH,)), ("row", np.int64, (WIDTH,))])
 
 
 @dataclass(frozen=True, slots=True)
 class Rolled:
-    """Results of rollouts: outputs (Σ steps, numbers a step), one after the other; sums, counts."""
+    """Results of consecutive rollouts: outputs (Σ steps, elements per step), sums, counts."""
 
     outputs: FloatArray
     sums: FloatArray
@@ -33,7 +33,7 @@ class Rolled:
 
 
 class RolloutKernel(LaneLibrary):
-    """The outputs and losses of one closed program, compiled here. Raises CompilerMissingError."""
+    """The outputs and losses of a closed program, compiled here. Raises CompilerMissingError."""
 
     def __init__(self, program: Program) -> None:
         made = rollout_source(program)
@@ -49,9 +49,9 @@ class RolloutKernel(LaneLibrary):
         physical: FloatArray,
         advance: Callable[[int], None],
     ) -> Rolled:
-        """Rollouts of `steps[i]` steps from rows `starts[i]`.
+        """Runs rollouts of `steps[i]` steps from rows `starts[i]`.
 
-        `advance` is told now and then how many more steps of rollouts are done.
+        `advance` is called with the number of rollout steps done since its last call.
         """
         losses = len(self.source.losses)
         found = Rolled(
@@ -79,8 +79,8 @@ class RolloutKernel(LaneLibrary):
 
 
 def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
-    """Rollouts of about one length side by side; lanes left over repeat one and have no steps."""
-    # lanes of a group run as long as its longest: neighbours in length waste least
+    """Groups rollouts of similar length; unused lanes repeat a rollout and have no steps."""
+    # all lanes run as long as the longest: similar lengths waste the least time
     order = np.argsort(-steps, kind="stable")
     count = -(-len(order) // WIDTH)
     place = np.arange(count * WIDTH).reshape(count, WIDTH)
@@ -88,17 +88,17 @@ def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
     used = place < len(order)
     groups = np.zeros(count, group_type(WIDTH, DTYPE))
     groups["start"], groups["used"] = starts[members], -used.astype(np.int64)
-    # the first of a group is its longest
+    # the first one of a group is the longest
     groups["steps"] = steps[members[:, 0]]
     rows = np.zeros(count, _LANE_ROWS)
     rows["steps"] = np.where(used, steps[members], 0)
-    # outputs stand in the order in which the caller gave the rollouts
+    # outputs are in the caller's order of rollouts
     rows["row"] = (np.cumsum(steps) - steps)[members]
     return groups, rows
 
 
 def _calls(steps: Rows) -> list[tuple[int, int, int, int]]:
-    """The groups and steps of each call: short runs whole, a long one alone, in pieces."""
+    """The groups and steps of each call: several short runs together, a long one in pieces."""
     calls: list[tuple[int, int, int, int]] = []
     first = 0
     done = np.cumsum(steps)
@@ -112,7 +112,7 @@ def _calls(steps: Rows) -> list[tuple[int, int, int, int]]:
             first += 1
         else:
             before = int(done[first] - steps[first])
-            # as many groups as have that many steps together, at least one
+            # as many groups as fit in that number of steps, at least one
             stop = max(int(np.searchsorted(done, before + _AT_ONCE, side="right")), first + 1)
             calls.append((first, stop, 0, _AT_ONCE))
             first = stop

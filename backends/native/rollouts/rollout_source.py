@@ -1,4 +1,4 @@
-"""Writes the C of a kernel that runs rollouts, keeps their outputs and sums their losses."""
+"""Writes the C code of a kernel that stores outputs of rollouts and sums their losses."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STORED = "outputs"
 
 @dataclass(frozen=True, slots=True)
 class RolloutSource:
-    """The kernel's text, and how many numbers the outputs of one step are."""
+    """The kernel source, and the number of output elements per step."""
 
     source: KernelSource
     width: int
@@ -35,9 +35,9 @@ class RolloutSource:
 
 @kept_source
 def rollout_source(program: Program) -> RolloutSource:
-    """The kernel of one program whose loops are closed, in float64: its outputs and its losses."""
+    """The float64 kernel of a program with closed loops, for its outputs and losses."""
     builder = GraphBuilder(program.step)
-    # appended to the step's own graph: losses read the outputs that it computes anyway
+    # appended to the step's graph, so that losses share nodes with the outputs
     losses = loss_terms(builder, program)
     memory = LaneMemory(forward_only(replace(program, step=builder.graph()), losses))
     functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
@@ -46,7 +46,7 @@ def rollout_source(program: Program) -> RolloutSource:
     for output in program.outputs:
         type = program.step[output.node].type
         places.append((output.node, array(_STORED, type.shape, Index(width))))
-        # outputs of one step lie one after the other, in the order of the program
+        # outputs of a step are consecutive, in the order of the program
         width += type.size
     writer = ModelFunctions(memory, functions, Stored(_STORED, tuple(places)))
     made = {"start": writer.start(), "ahead": writer.ahead(), "step": writer.step()}

@@ -1,4 +1,4 @@
-"""Runs a kernel that simulates sensitivities: products of residuals and slopes of rollouts."""
+"""Runs a kernel that simulates sensitivities: products of residuals and their Jacobian."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ from compiler.differentiation.sensitivities import Sensitivities
 FloatArray = NDArray[np.float64]
 
 STACK = 4 * 2**20
-"""Bytes that slopes may take on any stack: half of what threads usually have: compilers spill."""
+"""Maximum bytes of derivatives on any stack: half of a usual thread stack, as compilers spill."""
 
 _APART = 64 * 2**20
-"""Bytes that the products of rollouts take which are summed apart in one call."""
+"""Maximum bytes for products that one call sums separately per rollout."""
 
 LARGEST_STACK = 64 * 2**20
-"""Bytes that they may take on one of their own."""
+"""Maximum bytes of derivatives on a stack of a dedicated thread."""
 
 
 class StackTooSmallError(Exception):
-    """The slopes of one step need more stack than a thread is given."""
+    """The derivatives of one step need more stack than the limit of a thread."""
 
 
 class SensitivityKernel(LaneLibrary):
-    """One program with its sensitivities, compiled here.
+    """A program with its sensitivities, compiled here.
 
     Raises CompilerMissingError and StackTooSmallError.
     """
 
     def __init__(self, found: Sensitivities) -> None:
         made = sensitivity_source(found)
-        # before the compiler is called: what would not run need not be built
+        # checked before compiling
         self._stack = _stack(made.source.text, WIDTH * DTYPE.itemsize)
         if self._stack > LARGEST_STACK:
             raise StackTooSmallError(f"a step needs {self._stack / 2**20:.1f} MiB of stack")
@@ -81,11 +81,12 @@ class SensitivityKernel(LaneLibrary):
     def products_of_runs(
         self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray, own: int
     ) -> dict[str, ProductsOfRuns]:
-        """The products of each loss, the last `own` numbers of every rollout apart.
+        """The products of each loss, with separate blocks per rollout for the last `own`
+        parameters.
 
-        Rollouts stay in the order in which they are given.
+        Rollouts stay in the given order.
         """
-        # the groups first name the rollouts, so that each finds its place again
+        # the groups first contain rollout indices, to restore the order afterwards
         groups, _ = lane_groups(self._groups, np.arange(len(starts)), steps, [len(starts)])
         parts: dict[str, list[ProductsOfRuns]] = {name: [] for name in self.source.losses}
         members: list[Rows] = []
@@ -128,7 +129,7 @@ class SensitivityKernel(LaneLibrary):
         return _Summed(found, sums, counts)
 
     def _of_runs(self, summed: _Summed, loss: int, own: int) -> ProductsOfRuns:
-        """The products of one loss, of runs whose sums are apart."""
+        """The products of one loss, from sums per run."""
         n, end = self.numbers - own, self.numbers
         found = _whole(summed.products[:, loss], end)
         marks = summed.products[:, loss, end + 1, end + 1] if self._marked else np.zeros(1)
@@ -148,9 +149,10 @@ class SensitivityKernel(LaneLibrary):
 
 @dataclass(frozen=True, slots=True)
 class _Summed:
-    """The products of all losses, (losses, width, width), their sums and their counts.
+    """The products of all losses, (losses, width, width), their sums and counts.
 
-    Apart they are (groups, losses, width, width, lanes), or (runs, losses, width, width).
+    Separate sums have the shape (groups, losses, width, width, lanes) or (runs, losses, width,
+    width).
     """
 
     products: FloatArray
@@ -158,7 +160,7 @@ class _Summed:
     counts: FloatArray
 
     def of_runs(self, used: NDArray[np.bool_]) -> _Summed:
-        """The sums of each run, those of lanes in use, one after the other."""
+        """The sums of each run, from the used lanes."""
 
         def runs(values: FloatArray) -> FloatArray:
             last = np.moveaxis(values, -1, 1)
@@ -168,30 +170,30 @@ class _Summed:
 
 
 def _whole(products: FloatArray, numbers: int) -> FloatArray:
-    """[J r]ᵀ[J r]: the kernel sums blocks up to the diagonal, what is above comes by symmetry."""
+    """[J r]ᵀ[J r]: the kernel sums blocks of the lower triangle; the rest follows by symmetry."""
     lower = np.tril(products[..., : numbers + 1, : numbers + 1])
     return lower + np.swapaxes(np.tril(lower, -1), -1, -2)
 
 
 def with_stack(needed: int, run: Callable[[], None]) -> None:
-    """Runs it with twice as much stack as its arrays need: here, or in a thread that has so much.
+    """Calls `run` with twice the needed stack: here, or in a thread with a large stack.
 
-    What a thread was not given it does not take: pages of a stack are there when they are touched.
+    Unused stack takes no memory, as pages are allocated on first access.
     """
     if needed <= STACK:
         run()
         return
-    # a setting of the process, for threads to come: taken back once this one has started
+    # a process-wide setting for new threads: restored once this one has started
     with ThreadPoolExecutor(1) as alone:
         usual = threading.stack_size(2 * needed)
         try:
             done = alone.submit(run)
         finally:
             threading.stack_size(usual)
-        # what it raises would end the thread alone, and leave sums of nothing
+        # re-raises exceptions of the thread
         done.result()
 
 
 def _stack(text: str, lanes: int) -> int:
-    """Bytes of the arrays of a step: a compiler that reuses none of them takes so many."""
+    """Bytes of all arrays of a step, in case the compiler does not share their memory."""
     return lanes * sum(map(int, re.findall(r"^ +lanes \w+\[(\d+)\];$", text, re.MULTILINE)))

@@ -1,4 +1,4 @@
-"""Writes the C of a kernel that simulates sensitivities and sums products of slopes."""
+"""Writes the C code of a kernel that simulates sensitivities and sums their products."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from compiler.differentiation.training_step import forward_only
 from compiler.ir.program import NodeId
 
 _BLOCK = 4
-"""Rows are as long as a multiple of it; BLOCK of templates/native/sensitivities.c.j2."""
+"""The length of rows is a multiple of it; BLOCK of templates/native/sensitivities.c.j2."""
 
 ROWS = "rows"
 
 
 @dataclass(frozen=True, slots=True)
 class SensitivitySource:
-    """The kernel's text, and how long a row of slopes, residual and mark is in its products.
+    """The kernel source, and the length of a row of derivatives, residual and mark.
 
-    The mark is 1 where a residual is left out, and missing where none can be.
+    The mark is 1 where a residual is excluded; `marked` is False if none can be.
     """
 
     source: KernelSource
@@ -42,11 +42,11 @@ class SensitivitySource:
 
 @kept_source
 def sensitivity_source(found: Sensitivities) -> SensitivitySource:
-    """The kernel of one program whose loops are closed, in float64."""
+    """The float64 kernel of a program with closed loops."""
     memory = LaneMemory(forward_only(found.program, found.losses))
     functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
     marked = any(one.left_out is not None for one in found.residuals)
-    # slopes, residual, mark; whole blocks, so that the loop over products has no rest
+    # derivatives, residual, mark; padded to whole blocks
     width = -(-(found.numbers + 1 + marked) // _BLOCK) * _BLOCK
     firsts, places = _rows(found, width)
     writer = ModelFunctions(memory, functions, Stored(ROWS, places))
@@ -67,14 +67,16 @@ def sensitivity_source(found: Sensitivities) -> SensitivitySource:
 def _rows(
     found: Sensitivities, width: int
 ) -> tuple[list[int], tuple[tuple[NodeId, ArrayView], ...]]:
-    """The first row of every loss and the last one's end, and where residuals, slopes, marks go."""
+    """The first row of every loss plus the end, and the places of residuals, derivatives and
+    marks.
+    """
     firsts = [0]
     places: list[tuple[NodeId, ArrayView]] = []
     residuals = {residual.loss.name: residual for residual in found.residuals}
     for loss in found.program.losses:
         residual = residuals.get(loss.name)
         if residual is None:
-            # a loss that is no sum of squares is summed, but has no rows
+            # a loss that is not a sum of squares has no rows
             firsts.append(firsts[-1])
             continue
         type = found.program.step[residual.values].type
@@ -82,7 +84,7 @@ def _rows(
         strides = tuple(stride * width for stride in each.strides)
         first = firsts[-1] * width
         values = ArrayView(each.storage, type.shape, strides, Index(first + found.numbers))
-        # the learned numbers are the innermost axis: products run along rows
+        # the learned parameters are the innermost axis: products run along rows
         slopes = ArrayView(each.storage, (found.numbers, *type.shape), (1, *strides), Index(first))
         places += [(residual.values, values), (residual.slopes, slopes)]
         if residual.left_out is not None:

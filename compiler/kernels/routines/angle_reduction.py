@@ -1,4 +1,4 @@
-"""Reduces an angle to quarter turns and a small rest in two words, for every finite angle."""
+"""Reduces any finite angle to quarter turns and a remainder in two words."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _RESULTS = ("high", "low", "quadrant")
 
 
 def _largest_count(x: Real) -> float:
-    """Quarter turns up to which a product with a part of π/2 is exact."""
+    """Maximum number of quarter turns whose product with a part of π/2 is exact."""
     return 2.0**7 if x.format.digits == 24 else 2.0**10
 
 
@@ -24,7 +24,7 @@ def _reduce_small(x: Real) -> tuple[Value, ...]:
     """x − count·π/2 after W. J. Cody and W. Waite, with π/2 in three words."""
     first, second, third = HALF_PI_PARTS[x.format]
     count = round_to_integer(x * TWO_OVER_PI[x.format][0]).named("count")
-    # exact: the first part of π/2 is so short that so many quarter turns of it round nothing
+    # exact: the first part of π/2 is short enough for this number of quarter turns
     near = (x - count * first).named("closer")
     part = (count * second).named("part")
     difference = (near - part).named("difference")

@@ -1,4 +1,4 @@
-"""e^x, and the reduced form of it from which the hyperbolic and logistic kernels are built."""
+"""e^x, and its reduced form, on which the hyperbolic and logistic kernels are built."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from compiler.kernels.trace.values import Real, Value
 
 
 def round_to_integer(x: Real) -> Real:
-    """The nearest integer, ties to even, for |x| ≤ 2^(digits − 2): the sum has no room for more."""
+    """The nearest integer, ties to even, for |x| ≤ 2^(digits − 2)."""
     shift = 1.5 * 2.0 ** (x.format.digits - 1)
-    # in IEEE arithmetic this is not x; -ffast-math would make it x, and the self-test tells
+    # the sum has no fraction bits left; -ffast-math would break this, which the self-test finds
     return (x + shift) - shift
 
 
 def reduce_exponential(x: Real) -> tuple[Real, Real, Real]:
-    """n, s, rest with e^x = 2^n·(1 + s + rest), n a whole number, |s| < 0.415, rest tiny.
+    """n, s, rest with e^x = 2^n·(1 + s + rest), n an integer, |s| < 0.415, rest tiny.
 
     x = n·ln 2 + r, |r| ≤ ln 2 / 2, with n·(first word of ln 2) exact; s + rest = r + r²·P(r).
     """
@@ -34,7 +34,7 @@ def reduce_exponential(x: Real) -> tuple[Real, Real, Real]:
     high = (x - count * ln_2_high).named("high")
     low = (count * ln_2_low).named("low")
     r = (high - low).named("r")
-    # what rounding took from r, exactly, as |high| ≥ |low|
+    # the exact rounding error of r, as |high| ≥ |low|
     lost = (high - r) - low
     tail = (r * r * polynomial(r, EXPONENTIAL[x.format]) + lost).named("tail")
     s = (r + tail).named("s")
@@ -42,7 +42,7 @@ def reduce_exponential(x: Real) -> tuple[Real, Real, Real]:
 
 
 def small_power_of_two(count: Real, limit: int) -> Real:
-    """2^count for a whole number 0 ≤ count ≤ limit ≤ 62, from the integer 1 shifted."""
+    """2^count for an integer 0 ≤ count ≤ limit ≤ 62, by shifting the integer 1."""
     n = to_unsigned(count)
     if limit <= 31:
         return to_real(integer(count, 1) << n)
@@ -52,10 +52,10 @@ def small_power_of_two(count: Real, limit: int) -> Real:
 
 
 def scale_factors(count: Real) -> tuple[Real, Real]:
-    """Two powers of two with product 2^count, count a whole number from the smallest exponent − 1.
+    """Two powers of two with product 2^count, for integers count ≥ smallest exponent − 1.
 
-    m·first is exact for m near 1, so that (m·first)·second rounds once, also to a denormal number
-    or to infinity.
+    m·first is exact for m near 1, so that (m·first)·second rounds once, also if it is subnormal or
+    infinite.
     """
     smallest = count.format.smallest_exponent
     n = to_unsigned(count + (1.0 - smallest))
@@ -68,7 +68,7 @@ def scale_factors(count: Real) -> tuple[Real, Real]:
 
 
 def overflowed(x: Real) -> Real:
-    """Infinity of the sign of x for |x| ≥ 2; NaN stays NaN."""
+    """Infinity with the sign of x for |x| ≥ 2; NaN stays NaN."""
     return x * 2.0 ** (x.format.overflow_exponent - 1)
 
 
@@ -83,7 +83,7 @@ def _exp(x: Real) -> tuple[Value, ...]:
     def in_range() -> Real:
         return branch(x >= smallest, inside, lambda: constant(x, 0.0), "power")
 
-    # NaN fails the comparison too, and stays NaN where infinity is made
+    # NaN fails the comparison, and `overflowed` keeps it
     return (branch(x <= largest, in_range, lambda: overflowed(x), "result"),)
 
 

@@ -1,8 +1,8 @@
-"""Reduces huge angles with as many bits of 2/π as the angle needs, in integers.
+"""Reduces huge angles in integer arithmetic, with as many bits of 2/π as the angle needs.
 
 After M. H. Payne and R. N. Hanek, "Radian reduction for trigonometric functions", ACM SIGNUM
-Newsletter 18 (1983): x = M·2^E with an integer M, and the bits of 2/π that give x·2/π a multiple
-of 4 are left out of the product.
+Newsletter 18 (1983). x = M·2^E with an integer M; bits of 2/π that contribute multiples of 4 to
+x·2/π are omitted from the product.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ def reduce_huge(x: Real) -> tuple[Value, ...]:
 
 
 def _leading_zeros(format: Format) -> int:
-    """Words of zeros before 2/π, so that the smallest exponent still finds an index ≥ 0."""
+    """Number of zero words before 2/π, so that the index is ≥ 0 for the smallest exponent."""
     return 1 if format.digits == 24 else 2
 
 
 def _integer_mantissa(x: Real) -> tuple[list[Unsigned], Unsigned]:
-    """32-bit digits of M, lowest first, and the position of the first bit of 2/π that matters."""
+    """32-bit digits of M, lowest first, and the position of the first relevant bit of 2/π."""
     fraction, exponent = normalise(x)
     digits = x.format.digits
     position = to_unsigned(exponent + (32.0 * _leading_zeros(x.format) - digits - 1.0))
@@ -67,7 +67,7 @@ def _integer_mantissa(x: Real) -> tuple[list[Unsigned], Unsigned]:
 
 
 def _aligned_words(position: Unsigned, count: int, format: Format) -> list[Unsigned]:
-    """`count` words of 32 bits from a bit of the zeros and 2/π on."""
+    """`count` words of 32 bits of the zeros and 2/π, starting at a bit position."""
     leading = _leading_zeros(format)
     last = (32 * leading + format.overflow_exponent - 1 - format.digits - 1) // 32 + count
     entries = ((0,) * leading + TWO_OVER_PI_WORDS)[: last + 1]
@@ -88,7 +88,8 @@ def _aligned_words(position: Unsigned, count: int, format: Format) -> list[Unsig
 def _product_fraction(mantissa: list[Unsigned], words: list[Unsigned]) -> list[Unsigned]:
     """The leading 32-bit digits of the fraction of Σ mᵢ·2^(32 i) × Σ wⱼ·2^(−32(j+1)).
 
-    As many as `words` has more than `mantissa`; what is left out is below 2 units of the last.
+    The number of digits is that of `words` minus that of `mantissa`. The truncation error is below
+    2 units of the last digit.
     """
     kept = len(words) - len(mantissa)
     columns: list[list[Unsigned]] = [[] for _ in range(kept)]

@@ -1,4 +1,4 @@
-"""tanh, sinh and cosh, from a polynomial near 0 and from the reduced exponential elsewhere."""
+"""tanh, sinh and cosh: a polynomial near 0, the reduced exponential elsewhere."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from compiler.kernels.trace.values import Real, Value
 
 
 def tiny(format: Format) -> float:
-    """Below it an odd function with slope 1 rounds to its argument."""
+    """The limit below which an odd function with derivative 1 at 0 rounds to its argument."""
     return 2.0 ** -((format.digits + 1) // 2)
 
 
@@ -35,12 +35,12 @@ def odd_near_zero(x: Real, coefficients: tuple[float, ...]) -> Real:
 
 
 def with_sign_of(x: Real, magnitude: Real) -> Real:
-    """The magnitude, negative where x < 0."""
+    """The magnitude, negated where x < 0."""
     return select(x < 0.0, -magnitude, magnitude)
 
 
 def odd_function(x: Real, near: Callable[[], Real], far: Callable[[Real], Real]) -> Real:
-    """x where tiny, near() for |x| < 1, elsewhere far(|x|) with the sign of x and the NaN."""
+    """x if tiny, near() for |x| < 1, elsewhere far(|x|) with the sign of x; NaN is preserved."""
     size = abs(x).named("size")
 
     def not_near() -> Real:
@@ -66,22 +66,21 @@ def _tanh(x: Real) -> tuple[Value, ...]:
         return branch(size <= limit, inside, lambda: select(size > limit, 1.0, x), "outer")
 
     def near() -> Real:
-        # P is between −⅓ and −0.2: with −¼ taken out, which is exact to multiply with, its rounding
-        # counts less
+        # P is between −⅓ and −0.2: splitting off −¼, an exact factor, reduces its rounding error
         first, *others = HYPERBOLIC_TANGENT[x.format]
         square = x * x
         scaled = square * polynomial(square, (first + 0.25, *others))
-        # tiny x round to x by themselves; + 0 keeps the sign of -0, as -0 + (-0) * (+0) does
+        # tiny x round to x without a branch; + 0 keeps the sign of -0: -0 + (-0) * (+0) = -0
         return x + x * ((scaled - 0.25 * square) + 0.0)
 
-    # up to 0.92 the rounding of the quotient would cost float more than the polynomial does
+    # below 0.92 the polynomial is more accurate in float than the quotient
     limit_near = 0.92 if x.format.digits == 24 else 0.55
     size = abs(x).named("size")
     return (branch(size < limit_near, near, lambda: with_sign_of(x, far(size)), "result"),)
 
 
 def _half_exponential(x: Real) -> tuple[Real, Real]:
-    """e^x / 2 rounded, and the rest."""
+    """e^x / 2 rounded, and its error."""
     count, s, rest = reduce_exponential(x)
     first, second = scale_factors(count - 1.0)
     whole = 1.0 + s
@@ -90,7 +89,7 @@ def _half_exponential(x: Real) -> tuple[Real, Real]:
 
 
 def _hyperbolic_limit(format: Format) -> float:
-    """Beyond it e^x / 2 is infinite for certain."""
+    """The limit beyond which e^x / 2 is certainly infinite."""
     return EXPONENTIAL_LIMITS[format][0] + 1.0
 
 

@@ -19,7 +19,7 @@ from compiler.kernels.trace.values import Real, Truth, Value
 
 
 def _half_angle(size: Real) -> tuple[Real, Real]:
-    """asin √((1 − size)/2) for ½ ≤ size ≤ 1 as a sum of an exact short word and a rest."""
+    """asin √((1 − size)/2) for ½ ≤ size ≤ 1 as the sum of an exact short word and a remainder."""
     square = 0.5 * (1.0 - size)
     root = square_root(square).named("root")
     short, _ = split(root)
@@ -132,8 +132,8 @@ def _atan(x: Real) -> tuple[Value, ...]:
 
 
 def is_negative(x: Real, name: str) -> Truth:
-    """Whether the sign bit of x is set, x no NaN."""
-    # no comparison tells −0 from 0, but 1/−0 is −∞
+    """True if the sign bit of x is set; x is not NaN."""
+    # comparisons cannot distinguish −0 from 0, but 1/−0 is −∞
     sign = branch(abs(x) > 0.0, lambda: x, lambda: 1.0 / x, name)
     return sign < 0.0
 
@@ -146,7 +146,7 @@ def _atan2(y: Real, x: Real) -> tuple[Value, ...]:
     largest = x.format.largest
     both_infinite = (height > largest) & (width > largest)
     undecided = both_zero | both_infinite
-    # 0/0 and ∞/∞ would be NaN; C's atan2 has them on the axis and on the diagonal
+    # 0/0 and ∞/∞ would be NaN; C's atan2 gives angles of an axis and a diagonal
     decided = select(both_zero, 0.0, 1.0)
     ratio = branch(undecided, lambda: decided, lambda: height / width, "ratio")
     angle = call(ATAN, ratio)

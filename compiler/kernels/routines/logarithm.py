@@ -1,4 +1,4 @@
-"""ln x, with the exponent found by comparing and exact scaling."""
+"""ln x; comparisons and exact scaling find the exponent."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from compiler.kernels.trace.values import Real, Value
 
 
 def normalise(x: Real) -> tuple[Real, Real]:
-    """m, e with x = m·2^e exactly, 1 ≤ m < 2, e a whole number, for finite x ≥ 1."""
-    # by comparing and scaling: portable C has no look at the bits of a number
+    """m, e with x = m·2^e exactly, 1 ≤ m < 2, e an integer, for finite x ≥ 1."""
+    # portable C cannot read the bits of a float, so compare and scale
     mantissa = x
     parts: list[Real] = []
     step = x.format.overflow_exponent // 2
@@ -29,8 +29,8 @@ def normalise(x: Real) -> tuple[Real, Real]:
 
 
 def reduce_logarithm(x: Real) -> tuple[Real, Real]:
-    """f, e with x = (1 + f)·2^e exactly, √½ ≤ 1 + f < √2, for finite x > 0, denormals included."""
-    # two steps lift every positive number below 1 into the range of `normalise`
+    """f, e with x = (1 + f)·2^e exactly, √½ ≤ 1 + f < √2, for finite x > 0, also subnormal x."""
+    # two steps scale every positive number below 1 into the range of `normalise`
     half = x.format.overflow_exponent // 2
     lift = float(-x.format.smallest_exponent - half)
     very_small = x < 2.0**-half
@@ -62,7 +62,7 @@ def _log(x: Real) -> tuple[Value, ...]:
 
     def inside() -> Real:
         f, exponent = reduce_logarithm(x)
-        # the small parts first: the sum with the largest one is the only rounding that counts
+        # add the small parts first: only the sum with the largest part rounds significantly
         return exponent * ln_2_high + (log_1p_rest(f, exponent * ln_2_low) + f)
 
     def not_finite_positive() -> Real:

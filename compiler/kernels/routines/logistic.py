@@ -15,12 +15,12 @@ from compiler.kernels.trace.values import Real, Value
 
 
 def _limit(format: Format) -> float:
-    """Beyond it e^−|x| is less than a sixteenth of the last digit of 1."""
+    """The limit beyond which e^−|x| is less than 1/16 of the last digit of 1."""
     return (format.digits + 3.0) * 0.6931471805599453
 
 
 def _outside(x: Real, above: Callable[[], Real]) -> Real:
-    """The value for |x| beyond the limit: e^x below, elsewhere above(), which gets the NaN."""
+    """The value for |x| beyond the limit: e^x for x < 0, elsewhere above(), which receives NaN."""
     return branch(x < 0.0, lambda: call(EXP, x), above, "outside")
 
 

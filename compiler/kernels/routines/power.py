@@ -1,4 +1,4 @@
-"""x^y = e^(y·ln x) with the logarithm and its product with y in two words."""
+"""x^y = e^(y·ln x), with the logarithm and its product with y in two words."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from compiler.kernels.trace.values import Real, Truth, Value
 
 def _logarithm_words(x: Real) -> tuple[Value, ...]:
     """2s + s·(2/3·z + z²·P(z)) + e·ln 2 with x = (1 + f)·2^e, s = f/(2 + f), z = s²."""
-    # e^(y·ln x) makes relative errors of absolute ones: where y·ln x is in the hundreds, one word
-    # of ln x would leave two digits less
+    # e^(y·ln x) turns absolute into relative errors: for y·ln x in the hundreds, one word of ln x
+    # would lose two digits
     f, exponent = reduce_logarithm(x)
     ln_2_high, ln_2_low = LN_2[x.format]
     third, third_rest = TWO_THIRDS[x.format]
@@ -58,7 +58,7 @@ LOGARITHM_WORDS = Subroutine(
     _logarithm_words,
     results=("high", "low"),
 )
-"""A routine of its own, as one argument can be tried at all floats, where pairs are too many."""
+"""A separate routine, since tests can try all floats for one argument, but not all pairs."""
 
 
 def _exponential_of_words(high: Real, low: Real) -> Real:
@@ -73,12 +73,12 @@ def _exponential_of_words(high: Real, low: Real) -> Real:
     def below() -> Real:
         return branch(high >= smallest, inside, lambda: constant(high, 0.0), "power")
 
-    # a little beyond the largest the result may still be finite, scaling decides
+    # slightly beyond the limit the result may still be finite; scaling decides
     return branch(high <= largest + 0.125, below, lambda: overflowed(high), "magnitude")
 
 
 def _finite_power(base: Real, y: Real) -> Real:
-    """base^y for finite base > 0; an exponent beyond the clamp gives 0, 1 or infinity anyway."""
+    """base^y for finite base > 0. Exponents beyond the clamp give 0, 1 or infinity anyway."""
     logarithm, logarithm_rest = LOGARITHM_WORDS(base)
     assert isinstance(logarithm, Real)
     assert isinstance(logarithm_rest, Real)
@@ -90,7 +90,7 @@ def _finite_power(base: Real, y: Real) -> Real:
 
 
 def _split_exponent(size: Real) -> tuple[Truth, Truth]:
-    """Tells whether size ≥ 0 has a fraction, and whether it is odd; large numbers are even."""
+    """Two conditions for size ≥ 0: it has a fraction, it is odd; large numbers are even."""
     kind = ValueKind.UNSIGNED if size.format.digits < 32 else ValueKind.WIDE
 
     def small() -> tuple[Value, ...]:
@@ -98,7 +98,7 @@ def _split_exponent(size: Real) -> tuple[Truth, Truth]:
         return size - to_real(whole), to_real(whole & 1)
 
     def large() -> tuple[Value, ...]:
-        # from 2^digits on neighbours are 2 apart: all are even integers
+        # from 2^digits on, all numbers are even integers
         zero = constant(size, 0.0)
         return zero, zero
 
@@ -127,7 +127,7 @@ def _pow(x: Real, y: Real) -> tuple[Value, ...]:
         no_real_power = ((x < 0.0) & (x >= -x.format.largest)) & fractional
         return branch(no_real_power, lambda: (x - x) / (x - x), lambda: signed, "signed_value")
 
-    # also of NaN: C's pow(1, NaN) and pow(NaN, 0) are 1
+    # also for NaN: C's pow(1, NaN) and pow(NaN, 0) are 1
     always_one = ((y <= 0.0) & (y >= 0.0)) | ((x <= 1.0) & (x >= 1.0))
     return (branch(always_one, lambda: constant(x, 1.0), general, "result"),)
 

@@ -26,7 +26,7 @@ def _cosine(high: Real, low: Real) -> Real:
     half = 0.5 * square
     whole = 1.0 - half
     rest = square * square * polynomial(square, COSINE[high.format])
-    # (1 − whole) − z/2 is exactly what `whole` lost in rounding
+    # (1 − whole) − z/2 is exactly the rounding error of `whole`
     return whole + (((1.0 - whole) - half) + (rest - high * low))
 
 
@@ -89,7 +89,7 @@ def _tan(x: Real) -> tuple[Value, ...]:
             value = with_sign_of(high, 1.0 - (signed + signed) / (1.0 + signed))
             return select(odd, -value, value)
 
-        # near π/4 the rounding of the cubic term would show
+        # near π/4 the rounding error of the cubic term is significant
         value = branch(abs(high) < 0.67, direct, from_diagonal, "value")
         return with_sign_of(x, value)
 
@@ -97,7 +97,7 @@ def _tan(x: Real) -> tuple[Value, ...]:
 
 
 def _finite_odd(x: Real, size: Real, general: Callable[[], Real]) -> Real:
-    """x where tiny, NaN where infinite."""
+    """x if tiny, NaN if infinite, elsewhere general()."""
     return branch(
         size < tiny(x.format),
         lambda: x,

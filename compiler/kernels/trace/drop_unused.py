@@ -1,4 +1,4 @@
-"""Removes the statements of a traced kernel whose values nothing uses."""
+"""Removes statements of a traced kernel whose values are not used."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from compiler.kernels.trace import statements as traced
 
 
 def drop_unused(block: traced.Block) -> traced.Block:
-    """The block with only the statements that its values need; the values stay the same.
+    """The block with only the statements that its values depend on.
 
-    Before: any block. After: every target is used, except some of a call with several results.
-    E.g. `a = x + 1; b = x · 2; values (b)` becomes `b = x · 2; values (b)`.
+    Before: any block. After: every target is used, except some of a call with several results. E.g.
+    `a = x + 1; b = x · 2; values (b)` becomes `b = x · 2; values (b)`.
     """
     return _drop(block, set())
 
 
 def _drop(block: traced.Block, used: set[traced.Operand]) -> traced.Block:
-    """Adds what the block reads to `used`."""
+    """Removes unused statements, and adds the operands of the others to `used`."""
     used.update(block.values)
     kept: list[traced.Statement] = []
-    # backwards: whoever uses a value stands behind it, and has marked it by now
+    # backwards: users come after a value and have marked it
     for statement in reversed(block.statements):
         match statement:
             case traced.Assign(target, operation):
@@ -29,15 +29,13 @@ def _drop(block: traced.Block, used: set[traced.Operand]) -> traced.Block:
                 used.update(traced.operation_operands(operation))
                 kept.append(statement)
             case traced.Call(targets, _, arguments):
-                # one result that is used keeps the call, with all of its results: C returns them
-                # together
+                # one used result keeps the call with all its results: C returns them together
                 if used.isdisjoint(targets):
                     continue
                 used.update(arguments)
                 kept.append(statement)
             case traced.Branch(targets, condition, then, otherwise):
-                # of a branch single values can go, and with them what only they need in either
-                # block
+                # unused values of a branch are removed, with the statements for them in both blocks
                 wanted = [i for i, target in enumerate(targets) if target in used]
                 if not wanted:
                     continue

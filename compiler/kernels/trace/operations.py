@@ -1,4 +1,4 @@
-"""Gives kernels what symbolic values can do besides arithmetic and comparison."""
+"""Operations on symbolic values in addition to arithmetic and comparison."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from compiler.kernels.trace.values import Real, Truth, Unsigned, Value, real_con
 
 
 def constant(like: Real, value: float) -> Real:
-    """A number in the format of `like`."""
+    """A constant in the format of `like`."""
     return Real(like.tracer, real_constant(value, like.format))
 
 
@@ -35,17 +35,17 @@ def square_root(x: Real) -> Real:
 
 
 def to_unsigned(x: Real, kind: ValueKind = ValueKind.UNSIGNED) -> Unsigned:
-    """The integer part of x, which must lie in the range of the integer."""
+    """The integer part of x, which must be in the range of the integer."""
     return Unsigned(x.tracer, x.tracer.assign(Convert(x.operand), kind))
 
 
 def to_real(n: Unsigned) -> Real:
-    """The integer as a real; kernels convert only what the format holds exactly."""
+    """The integer as a real; kernels convert only integers that the format represents exactly."""
     return Real(n.tracer, n.tracer.assign(Convert(n.operand), ValueKind.REAL))
 
 
 def to_kind(n: Unsigned, kind: ValueKind) -> Unsigned:
-    """The integer in 64 bits, or its low 32 bits."""
+    """The integer extended to 64 bits, or its low 32 bits."""
     return Unsigned(n.tracer, n.tracer.assign(Convert(n.operand), kind))
 
 
@@ -61,7 +61,7 @@ def look_up_word(table: Table, index: Unsigned) -> Unsigned:
 
 
 def select(condition: Truth, then: Real | float, otherwise: Real | float) -> Real:
-    """One of two values that are cheap to have both."""
+    """One of two values; both are computed."""
     tracer = condition.tracer
     first = then if isinstance(then, Real) else Real(tracer, real_constant(then, tracer.format))
     operation = Select(condition.operand, first.operand, first.lift(otherwise))
@@ -69,7 +69,7 @@ def select(condition: Truth, then: Real | float, otherwise: Real | float) -> Rea
 
 
 def select_word(condition: Truth, then: Unsigned, otherwise: Unsigned | int) -> Unsigned:
-    """One of two integers of one kind."""
+    """One of two integers of the same kind."""
     operation = Select(condition.operand, then.operand, then.lift(otherwise))
     return Unsigned(condition.tracer, condition.tracer.assign(operation, then.kind))
 
@@ -77,7 +77,7 @@ def select_word(condition: Truth, then: Unsigned, otherwise: Unsigned | int) -> 
 def branch(
     condition: Truth, then: Callable[[], Real], otherwise: Callable[[], Real], name: str = ""
 ) -> Real:
-    """The value of one of two computations, of which only that one is performed."""
+    """The value of one of two computations; only that one is executed."""
     return cast(
         Real,
         branch_tuple(condition, lambda: (then(),), lambda: (otherwise(),), (name,))[0],
@@ -90,11 +90,11 @@ def branch_tuple(
     otherwise: Callable[[], tuple[Value, ...]],
     names: tuple[str, ...],
 ) -> tuple[Value, ...]:
-    """As `branch`, for several values at once, one name each."""
+    """Like `branch`, for several values, with one name each."""
     tracer = condition.tracer
     first = tracer.block(then)
     second = tracer.block(otherwise)
-    # both blocks must give the kinds of the first: a target in C has one type
+    # both blocks must give values of the same kinds: a target in C has one type
     targets = tuple(
         tracer.new_local(value.kind, name) for value, name in zip(first.values, names, strict=True)
     )

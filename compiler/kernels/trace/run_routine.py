@@ -40,10 +40,10 @@ _FUNCTIONS: dict[traced.Function, Callable[[Array], Array]] = {
 
 
 Outcome = tuple[tuple[int, ...], bool]
-"""Which condition (ids of statements, while the routine lives, and operands), and what it was."""
+"""A condition (ids of its statements during the run, and operands) and its value."""
 
 Note = Callable[[Outcome, NDArray[np.bool_]], None]
-"""Is told which elements had an outcome."""
+"""A callback that receives an outcome and a mask of the elements that had it."""
 
 
 def run_routine(
@@ -51,28 +51,28 @@ def run_routine(
 ) -> tuple[Array, ...]:
     """The results of a routine for arrays of one shape, at least 1-D, in the routine's format.
 
-    Where a branch goes both ways within an array, both blocks run on all of it and the condition
-    picks; what the other block makes of elements that are not its own is discarded, silently.
-    `note` is told of every outcome of a condition, for the elements for which C would look at it.
+    If a branch differs between elements, both blocks run on the whole array and the condition
+    selects. Warnings of discarded elements are suppressed. `note` receives every outcome of a
+    condition, for the elements for which C would evaluate it.
     """
     values = {
         parameter.index: argument
         for parameter, argument in zip(routine.parameters, arguments, strict=True)
     }
     watch = None if note is None else _Watch(note, np.ones(arguments[0].shape, np.bool_), {})
-    # elements of the block that is not theirs may divide by 0: their results are thrown away
+    # discarded elements may divide by 0
     with np.errstate(all="ignore"):
         return _run_block(routine.body, values, routine.format, watch)
 
 
 @dataclass(frozen=True, slots=True)
 class _Watch:
-    """Tells of conditions, for the elements that C would compute here."""
+    """Reports outcomes of conditions, for the elements that C would compute."""
 
     note: Note
     present: NDArray[np.bool_]
     joined: dict[traced.Operand, traced.Assign]
-    """What was made by && and ||: C may write it where it is used."""
+    """Results of && and ||, which C may write at the place of their use."""
 
     def tell(self, which: tuple[int, ...], condition: Array) -> None:
         self.note((which, True), self.present & condition)
@@ -82,7 +82,7 @@ class _Watch:
         return _Watch(self.note, self.present & condition, self.joined)
 
     def called(self) -> _Watch:
-        # the locals of the called routine are numbered anew, so nothing joined here is known there
+        # the called routine has its own numbering of locals
         return _Watch(self.note, self.present, {})
 
     def operation(self, statement: traced.Assign, values: dict[int, Array], format: Format) -> None:
@@ -102,16 +102,15 @@ class _Watch:
         values: dict[int, Array],
         format: Format,
     ) -> None:
-        """The second operand is looked at where the first does not decide, and so on in it."""
+        """C evaluates the second operand only where the first does not decide, recursively."""
         assert isinstance(statement.operation, traced.Binary)
         left, right = statement.operation.left, statement.operation.right
         first = _read(left, values, format)
         decided = ~first if statement.operation.operator is traced.Operator.BOTH else first
         for number, (operand, watch) in enumerate(((left, self), (right, self.where(~decided)))):
-            # C stops at the first operand that decides: the second counts as looked at only
-            # elsewhere
+            # C stops at the first deciding operand: the second is evaluated elsewhere only
             watch.tell((*which, number), _read(operand, values, format))
-            # an operand that is itself made by && or || is decided operand by operand too
+            # an operand that is a result of && or || is evaluated the same way
             if operand in self.joined:
                 watch._decide((*which, number), self.joined[operand], values, format)
 

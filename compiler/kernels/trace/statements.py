@@ -42,7 +42,7 @@ class Operator(Enum):
     EITHER = "||"
 
 
-# what a truth is made of; there is no equality, which rounding would decide
+# there is no equality, which would depend on rounding
 COMPARISONS = frozenset(
     {Operator.LESS, Operator.LESS_EQUAL, Operator.GREATER, Operator.GREATER_EQUAL}
 )
@@ -114,9 +114,9 @@ class Select:
 
 @dataclass(frozen=True, slots=True)
 class Convert:
-    """The operand as the target's kind: a real is cut to its integer part, 64 bits to the low 32.
+    """The operand in the target's kind: reals are truncated to integers, 64 bits to the low 32.
 
-    The kernel guards the range of a real before it converts it.
+    The kernel checks the range of a real before it converts it.
     """
 
     operand: Operand
@@ -124,7 +124,7 @@ class Convert:
 
 @dataclass(frozen=True, slots=True)
 class Lookup:
-    """table[index]; the kernel guards the range of the index."""
+    """table[index]; the kernel checks the range of the index."""
 
     table: Table
     index: Operand
@@ -186,7 +186,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Routine:
-    """A traced function of reals; `results` names what it gives, one name a value."""
+    """A traced function of reals; `results` has one name per value."""
 
     name: str
     doc: str

@@ -1,4 +1,4 @@
-"""Joins a kernel as Python text with the routine that tracing it gives."""
+"""Connects the Python text of a kernel with its traced routine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from compiler.kernels.trace.values import Real, Tracer, Value, symbolic
 
 @dataclass(frozen=True, slots=True)
 class Subroutine:
-    """A kernel's Python text: `build` takes one Real a parameter and gives one value a result."""
+    """The Python text of a kernel; `build` maps one Real per parameter to one value per result."""
 
     name: str
     parameters: tuple[str, ...]
@@ -36,13 +36,13 @@ class Subroutine:
 
 
 def call(subroutine: Subroutine, *arguments: Real) -> Real:
-    """Calls a routine that gives one real."""
+    """Calls a routine with a single real result."""
     (result,) = subroutine(*arguments)
     assert isinstance(result, Real)
     return result
 
 
-# by kernel and format: a routine that several others call is traced, and written, once
+# cached by kernel and format: a shared routine is traced and written once
 @cache
 def trace(subroutine: Subroutine, format: Format) -> Routine:
     """The statements of a kernel in one format."""

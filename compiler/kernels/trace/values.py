@@ -23,12 +23,12 @@ from compiler.kernels.trace.statements import (
 
 
 class Tracer:
-    """Collects statements of one routine; blocks nest, locals are numbered over the routine."""
+    """Collects the statements of one routine; blocks nest, locals are numbered over the routine."""
 
     def __init__(self, format: Format) -> None:
         self.format = format
         self._blocks: list[list[Statement]] = [[]]
-        # numbered over all blocks, so that a value of one block never hides that of another
+        # numbered over all blocks, so that blocks never reuse a local of another
         self._count = 0
 
     def new_local(self, kind: ValueKind, hint: str = "") -> Local:

@@ -1,4 +1,4 @@
-"""Makes a traced kernel perform the same operations for every argument, for constant time."""
+"""Rewrites a traced kernel to execute the same operations for every argument (constant time)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def without_branches(routine: Routine) -> Routine:
 class _Flattening:
     def __init__(self, routine: Routine) -> None:
         self._routine = routine
-        # new locals are numbered on from those of the routine
+        # numbers of new locals follow those of the routine
         self._count = max(local.index for local in _locals_within(routine))
         self._statements: list[Statement] = []
 
@@ -70,8 +70,7 @@ class _Flattening:
                 case Call(targets, routine, arguments):
                     self._statements.append(Call(targets, without_branches(routine), arguments))
                 case Branch(targets, condition, then, otherwise):
-                    # both blocks run for every argument; their locals have names of their own, so
-                    # none collide
+                    # both blocks run for every argument; their locals have unique numbers
                     first, second = self._flatten(then), self._flatten(otherwise)
                     for target, one, other in zip(targets, first, second, strict=True):
                         self._statements.append(Assign(target, Select(condition, one, other)))

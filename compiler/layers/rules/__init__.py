@@ -1,1 +1,1 @@
-"""Holds what layers share: arguments, memory, arrays, initial fits."""
+"""Shared parts of layers: arguments, memory, arrays, initial fits."""

@@ -1,4 +1,4 @@
-"""Reads the arguments of layers: one value, a time window, or several values side by side."""
+"""Reads the arguments of layers: a value, a time window, or several concatenated values."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ class Windowed(Protocol):
 
 
 def read_values(context: LayerContext, count: int) -> Arguments:
-    """Exactly so many values."""
+    """Reads exactly `count` values."""
     wanted = f"{count} argument{'s' if count > 1 else ''}"
     _check_count(context, wanted, len(context.call.arguments) == count)
     return tuple(lower_all(context.lowering, context.call.arguments, context.environment))
 
 
 def read_value(context: LayerContext, settings: Entry) -> Arguments:
-    """One value."""
+    """Reads one value."""
     del settings
     return read_values(context, 1)
 
 
 def read_scalars(context: LayerContext, count: int) -> Arguments:
-    """Exactly so many values without axes besides a window."""
+    """Reads exactly `count` values without axes other than a window."""
     nodes = read_values(context, count)
     for node, argument in zip(nodes, context.call.arguments, strict=True):
         others = context.elements(node)
@@ -55,9 +55,9 @@ def read_scalars(context: LayerContext, count: int) -> Arguments:
 
 
 def read_elements(context: LayerContext, settings: Entry) -> Arguments:
-    """One value whose last axis is summed over, or several whose elements are put side by side.
+    """One value with an axis that the layer sums over, or several values, concatenated.
 
-    The value has such an axis: a scalar is one element.
+    The result has such an axis: a scalar becomes one element.
     """
     del settings
     _check_count(context, "1 or more arguments", bool(context.call.arguments))
@@ -65,7 +65,7 @@ def read_elements(context: LayerContext, settings: Entry) -> Arguments:
     builder = context.builder
     if len(nodes) == 1 and context.elements(nodes[0]):
         return tuple(nodes)
-    # Windows of one length stay the last axis; a value without one is the same at all samples.
+    # a common window stays the last axis; values without a window are repeated along it
     windows = {builder.type(node).window for node in nodes} - {None}
     if len(windows) > 1:
         found = " and ".join(f"{window} samples" for window in sorted(filter(None, windows)))
@@ -80,7 +80,9 @@ def read_elements(context: LayerContext, settings: Entry) -> Arguments:
 
 
 def read_window(context: LayerContext, settings: Windowed) -> Arguments:
-    """The window that a filter runs over: its own of the argument, or the argument's (R1)."""
+    """The window that a filter runs over: the layer's own over the argument, or the argument's
+    (R1).
+    """
     _check_count(context, "1 argument", len(context.call.arguments) == 1)
     lowering, argument = context.lowering, context.call.arguments[0]
     is_window = isinstance(argument, Past | Future) or (
@@ -103,11 +105,11 @@ def read_window(context: LayerContext, settings: Windowed) -> Arguments:
 
 
 def _joined(context: LayerContext, nodes: list[NodeId], time_axis: tuple[Axis, ...]) -> NodeId:
-    """All elements of several values along one unnamed axis; of different units, none is known."""
+    """All elements of several values along one unnamed axis; no unit if the units differ."""
     builder = context.builder
     units = [builder.type(node).unit for node in nodes]
     unit = units[0]
-    # side by side they are one array, and an array has one unit
+    # the result is one array, which has one unit
     if any(unit is None or other is None or not same_unit(unit, other) for other in units):
         unit = None
     parts: list[NodeId] = []

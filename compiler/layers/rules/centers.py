@@ -1,4 +1,4 @@
-"""Centres and knots: ascending numbers along an axis, fixed or learned without ever crossing."""
+"""Centres and knots: ascending values along an axis, fixed or learned without crossing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spec_schema.units.unit import Unit
 
 
 def ascending(context: LayerContext, expression: Expression, layer: str, what: str) -> Array:
-    """The numbers of an option, known at compile time; refused unless they ascend."""
+    """The values of an option, known at compile time; reports values that do not ascend."""
     values = evaluate(context.lowering, expression).values.ravel()
     if np.any(np.diff(values) <= 0) or not np.all(np.isfinite(values)):
         context.refuse(names.unfit_setting(layer, f"the {what} must ascend", expression.span))
@@ -24,7 +24,7 @@ def ascending(context: LayerContext, expression: Expression, layer: str, what: s
 
 
 def learned_centers(context: LayerContext, axis: Axis, values: Array, unit: Unit | None) -> NodeId:
-    """c₀ = first, cᵢ₊₁ = cᵢ + gapᵢ with gaps above 0, so that learned centres stay in order."""
+    """c₀ = first, cᵢ₊₁ = cᵢ + gapᵢ with learned gaps > 0, so that the centres stay ordered."""
     builder = context.builder
     first = context.learned("first", (), values[0], "the lowest centre", unit=unit)
     if len(values) == 1:

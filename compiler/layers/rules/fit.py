@@ -1,4 +1,4 @@
-"""Declares what `fit:` makes a linear system follow before training begins."""
+"""Declares the initial fit of a filter layer (`fit:`) to a recorded signal."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from spec_schema.sections.signals import Signal, State
 
 @dataclass(frozen=True, kw_only=True)
 class Orders:
-    """The kind of linear system that a layer is."""
+    """The kind and orders of the linear system of a layer."""
 
     kind: FilterKind
     num: int
@@ -33,22 +33,23 @@ class Orders:
     feedthrough: bool = True
     radius: float = 1.0
     out: tuple[Axis, ...]
-    """The axes of its value."""
+    """The axes of the layer's value."""
 
 
 def declare_fit(
     context: LayerContext, wanted: Prediction, argument: NodeId, orders: Orders
 ) -> None:
-    """Notes what the layer starts at; refuses what is no system from inputs to a signal.
+    """Adds the initial fit of the layer; reports a layer that is not a system from inputs to a
+    signal.
 
-    A layer of a sub-model whose input is connected has no input of the data to follow, and one
-    with given or frozen weights has nothing to find: they start as they would without `fit`.
+    There is no fit for a layer of a sub-model with a connected input, as its input is not recorded.
+    Neither is there one for a layer with given or frozen weights.
     """
     lowering, name = context.lowering, context.name
     if owner_of(name) and _is_connected(context):
         return
     arrays = filter_arrays(orders.kind, orders.feedthrough)
-    # weights that are given or frozen are not to be found
+    # given or frozen weights are not fitted
     if any(lowering.given.settles(f"{name}.{array}") for array in arrays):
         return
     if context.cells:
@@ -71,17 +72,17 @@ def declare_fit(
         feedthrough=orders.feedthrough,
         radius=orders.radius,
     )
-    # called twice with the same argument it is one system still
+    # two calls with the same argument are one system
     if context.stores.fits.setdefault(name, fit) != fit:
         problem = f"`fit` is for one argument, and `{name}` is called with two"
         _refuse(context, problem, context.call.arguments[0].span, "this argument")
 
 
 def _graph_of(context: LayerContext, argument: NodeId) -> Graph:
-    """Lowers the layer's argument in a graph of its own."""
+    """Copies the layer's argument to a separate graph."""
     graph, own = context.builder.graph(), GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
-    # nodes stand after their operands: none that comes later is needed
+    # operands come before their users: later nodes are not needed
     for index, is_needed in enumerate(needed(graph, [argument])[: argument + 1]):
         if not is_needed:
             continue
@@ -94,7 +95,7 @@ def _graph_of(context: LayerContext, argument: NodeId) -> Graph:
 
 
 def _is_connected(context: LayerContext) -> bool:
-    """Whether the arguments read what a parent feeds, through anything."""
+    """True if the arguments depend on an input that a parent model connects."""
     seen: set[str] = set()
     waiting: list[Any] = list(context.call.arguments)
     while waiting:

@@ -14,28 +14,28 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True)
 class FuzzySets:
-    """A value spread along the axis of the sets, and their centres, numbers or learned.
+    """A value, the axis of the sets, and their centres, constant or learned.
 
-    Axes are fixed before anything is computed: a window as long as there are sets must not be taken
-    for the axis of the sets.
+    Values are broadcast by explicit axes, so that a window with as many samples as there are sets
+    does not match the axis of the sets.
     """
 
     builder: GraphBuilder
     value: NodeId
     axis: Axis
     centers: NodeId
-    """Along `axis`, in the value's unit."""
+    """Along `axis`, in the unit of the value."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:
         return (self.axis, *self.builder.type(self.value).axes)
 
     def spread(self, node: NodeId | None = None) -> NodeId:
-        """Something with one element a set, or the value itself, along all axes."""
+        """A node with one element per set, or the value itself, broadcast to all axes."""
         return self.builder.broadcast(self.value if node is None else node, self.axes)
 
     def numbers(self, values: Array | float) -> NodeId:
-        """One dimensionless number a set, or one for all."""
+        """A dimensionless constant with one element per set, or one for all."""
         axes = (self.axis,) if np.ndim(values) else ()
         return self.spread(self.builder.constant(values, axes))
 
@@ -44,7 +44,7 @@ class FuzzySets:
         return self.builder.subtract(self.spread(), self.spread(self.centers))
 
     def slopes(self) -> NodeId:
-        """1 / (cᵢ₊₁ − cᵢ), one fewer than there are sets."""
+        """1 / (cᵢ₊₁ − cᵢ), one element fewer than sets."""
         builder, last = self.builder, self.axis.size
         above = builder.slice(self.centers, self.axis.name, 1, last)
         below = builder.slice(self.centers, self.axis.name, 0, last - 1)
@@ -54,15 +54,15 @@ class FuzzySets:
 def triangular(sets: FuzzySets) -> NodeId:
     """Hat functions between neighbouring centres, 1 beyond the outermost ones; they sum to 1.
 
-    μᵢ(x) = max((x − cᵢ₋₁) / (cᵢ − cᵢ₋₁), 0) for x < cᵢ, and from cᵢ on
-    max((cᵢ₊₁ − x) / (cᵢ₊₁ − cᵢ), 0); the outermost slopes are 0 and their offset 1. Written so, the
-    slope on a knot is the right-hand one.
+    For x < cᵢ, μᵢ(x) = max((x − cᵢ₋₁) / (cᵢ − cᵢ₋₁), 0). For x ≥ cᵢ, μᵢ(x) = max((cᵢ₊₁ − x) / (cᵢ₊₁
+    − cᵢ), 0). Beyond the outermost centres the ramp is constant 1. The derivative at a knot is the
+    right-hand one.
     """
     builder, name, last = sets.builder, sets.axis.name, sets.axis.size
     if last == 1:
         return sets.numbers(1.0)
     slopes = sets.slopes()
-    # beyond the outermost centres nothing rises or falls: a slope of 0 there
+    # constant beyond the outermost centres
     flat = builder.constant([0.0], (Axis(name, 1),), builder.type(slopes).unit)
     first, final = (
         builder.slice(sets.centers, name, 0, 1),
@@ -81,7 +81,7 @@ def triangular(sets: FuzzySets) -> NodeId:
 
 
 def _ramp(sets: FuzzySets, origin: NodeId, slope: NodeId, is_flat: Array) -> NodeId:
-    """(x − origin) · slope, and 1 for the set whose slope is 0."""
+    """(x − origin) times the given factor; constant 1 where `is_flat`."""
     builder = sets.builder
     distance = builder.subtract(sets.spread(), sets.spread(origin))
     scaled = builder.multiply(distance, sets.spread(slope))
@@ -89,10 +89,10 @@ def _ramp(sets: FuzzySets, origin: NodeId, slope: NodeId, is_flat: Array) -> Nod
 
 
 def beyond(sets: FuzzySets) -> NodeId:
-    """The terms that continue the hat functions as straight lines beyond the outermost centres.
+    """The terms that extrapolate the hat functions linearly beyond the outermost centres.
 
-    Added to `triangular`, the two sets at an end weigh as the line through their centres does:
-    below c₀ the first gains (c₀ − x) / (c₁ − c₀) and the second loses it. They sum to 1 still.
+    Added to `triangular`, the two sets at an end have the weights of linear extrapolation: below c₀
+    the first gains (c₀ − x) / (c₁ − c₀) and the second loses it. They still sum to 1.
     """
     builder, name, last = sets.builder, sets.axis.name, sets.axis.size
     slopes, value = sets.slopes(), sets.value
@@ -102,11 +102,11 @@ def beyond(sets: FuzzySets) -> NodeId:
         return builder.broadcast(builder.element(node, name, at), axes)
 
     zero = builder.broadcast(builder.constant(0.0), axes)
-    # The order of the operands gives a knot the right-hand slope: a tie takes the first one's.
+    # the order of operands gives the right-hand derivative at a knot: a tie uses the first one
     left = builder.minimum(zero, builder.subtract(value, end(sets.centers, 0)))
     right = builder.maximum(builder.subtract(value, end(sets.centers, last - 1)), zero)
     lost, gained = np.zeros(last), np.zeros(last)
-    # below c₀ `below` is negative: the first set gains what the second loses
+    # `below` is negative below c₀: the first set gains, the second loses
     lost[:2] = -1.0, 1.0
     gained[-2:] = -1.0, 1.0
     below = builder.multiply(left, end(slopes, 0))
@@ -118,7 +118,7 @@ def beyond(sets: FuzzySets) -> NodeId:
 
 
 def rectangular(sets: FuzzySets) -> NodeId:
-    """1 between the bounds half-way to the neighbouring centres, the lower one inclusive."""
+    """1 between the midpoints to the neighbouring centres, including the lower midpoint."""
     builder, name, last = sets.builder, sets.axis.name, sets.axis.size
     if last == 1:
         return sets.numbers(1.0)
@@ -130,9 +130,10 @@ def rectangular(sets: FuzzySets) -> NodeId:
 
 
 def between(bounds: FuzzySets) -> NodeId:
-    """1 for the interval between two ascending bounds that the value is in, one more than bounds.
+    """1 for the interval that contains the value; n ascending bounds have n + 1 intervals.
 
-    The lower bound is reached, the upper one is not: exact differences of 0 and 1.
+    An interval includes its lower bound, not its upper one. The values are exact differences of 0,
+    1.
     """
     builder, name = bounds.builder, bounds.axis.name
     edge = (Axis(name, 1), *builder.type(bounds.value).axes)
@@ -140,7 +141,7 @@ def between(bounds: FuzzySets) -> NodeId:
     reached = builder.select(above, bounds.numbers(1.0), bounds.numbers(0.0))
     one = builder.broadcast(builder.constant(1.0), edge)
     zero = builder.broadcast(builder.constant(0.0), edge)
-    # interval i is what reaches bound i − 1 and does not reach bound i
+    # interval i: at or above bound i − 1 and below bound i
     lower = builder.concat([one, reached], name)
     upper = builder.concat([reached, zero], name)
     return builder.subtract(lower, upper)
@@ -160,7 +161,7 @@ def neighbour_widths(centers: Array) -> Array:
     if len(centers) == 1:
         return np.ones(1)
     gaps = np.diff(centers)
-    # an outermost centre has one neighbour, whose distance counts twice
+    # an outermost centre has one neighbour, which counts twice
     left = np.concatenate([gaps[:1], gaps])
     right = np.concatenate([gaps, gaps[-1:]])
     return (left + right) / 4

@@ -1,4 +1,4 @@
-"""Gives a layer what it needs to expand: the call, the graph, and the arrays that it learns."""
+"""The context in which a layer expands: the call, the graph, and its learned arrays."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from spec_schema.units.unit import Unit
 
 
 class CellRule(Protocol):
-    """The rule of a cell in a layer made of layers: reads its arguments and expands it."""
+    """The rule of a cell in a local model: reads its arguments and expands it."""
 
     @property
     def read(self) -> Callable[[LayerContext, Any], tuple[NodeId, ...]]: ...
@@ -44,21 +44,21 @@ class CellRule(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class LayerStores:
-    """The values that the layers of one spec leave for their next calls."""
+    """State that the layers of one spec share between calls."""
 
     arrays: Arrays
     first_calls: dict[str, str] = field(default_factory=dict[str, str])
-    """Shapes of the arguments of each layer's first call."""
+    """Shapes of the arguments of each layer's first call, as text."""
     normalized: dict[str, str] = field(default_factory=dict[str, str])
-    """The signal whose statistics each `normalize` layer has."""
+    """The signal whose statistics each `normalize` layer uses."""
     fits: dict[str, Fit] = field(default_factory=dict[str, Fit])
-    """What each layer with `fit:` starts at."""
+    """The initial fit of each layer with `fit:`."""
     known_units: Mapping[str, Unit] = field(default_factory=dict[str, Unit])
-    """Units of the centres that the lowering before this one found, for those read uncalled."""
+    """Units of centres from the previous lowering, for centres that are read before a call."""
     argument_units: dict[str, Unit] = field(default_factory=dict[str, Unit])
-    """The unit in which each fuzzify layer is called first."""
+    """The unit of the argument of each fuzzify layer's first call."""
     read_uncalled: set[str] = field(default_factory=set[str])
-    """Layers whose centres are read: their unit is that of a call, which may come later."""
+    """Layers whose centres are read; their unit comes from a call, which may be later."""
 
     def found_units(self) -> Mapping[str, Unit]:
         """Units of the centres that this lowering reads."""
@@ -71,7 +71,7 @@ class LayerContext:
     """One call of a layer."""
 
     name: str
-    """Name of the layer in the spec; its arrays are called `name.weight` and so on."""
+    """Name of the layer in the spec; its arrays are named `name.weight` and so on."""
     lowering: Context
     stores: LayerStores
     call: Call
@@ -79,15 +79,15 @@ class LayerContext:
     span: Span
     """Place of the layer's declaration."""
     rule_of: Callable[[Entry], CellRule] = field(repr=False)
-    """The rule of another layer's settings, for layers made of layers."""
+    """Returns the rule for the settings of another layer, for layers that contain layers."""
     cells: tuple[Axis, ...] = ()
-    """Axes of a local model's activations: every cell has weights of its own."""
+    """Axes of a local model's activations: every cell has its own weights."""
     called_with: str = ""
-    """Shapes of the arguments, as messages show them."""
+    """Shapes of the arguments, as text for messages."""
 
     @property
     def builder(self) -> GraphBuilder:
-        """The graph that the call's nodes belong to."""
+        """The builder of the graph that the nodes of the call belong to."""
         return self.lowering.builder(self.environment)
 
     def in_cells(self, cells: tuple[Axis, ...]) -> LayerContext:
@@ -95,24 +95,24 @@ class LayerContext:
         return replace(self, cells=(*self.cells, *cells))
 
     def refuse(self, diagnostic: Diagnostic) -> NoReturn:
-        """Gives the call up after this mistake."""
+        """Reports the mistake and raises LoweringFailed."""
         self.lowering.findings.report(diagnostic)
         raise LoweringFailed
 
     def axis(self, dimension: Located[str]) -> Axis:
-        """The axis of a name of `dims:`."""
+        """The axis of a dimension of `dims:`."""
         return self.lowering.dimension(dimension.value, dimension.span)
 
     def out(self, dimension: Located[str] | None) -> tuple[Axis, ...]:
-        """The axis that `out:` names, none for a scalar."""
+        """The axis that `out:` names; empty for a scalar."""
         return (self.axis(dimension),) if dimension else ()
 
     def own_axis(self, suffix: str, size: int) -> Axis:
-        """An axis inside the layer; a name of `dims:` has no dot."""
+        """An internal axis of the layer. Its name has a dot, unlike dimensions of `dims:`."""
         return Axis(f"{self.name}.{suffix}", size)
 
     def elements(self, node: NodeId) -> tuple[Axis, ...]:
-        """The axes of a value besides its window."""
+        """The axes of a value other than its window."""
         return tuple(axis for axis in self.builder.type(node).axes if axis.name != WINDOW)
 
     def learned(
@@ -126,16 +126,16 @@ class LayerContext:
         low: float | None = None,
         high: float | None = None,
     ) -> NodeId:
-        """A learnable array of the layer, one for each cell.
+        """A learnable array of the layer, with axes of the cells and `axes`.
 
-        `initial` has the shape of the cells and `axes`, or is repeated to it.
+        `initial` has that shape or is broadcast to it.
         """
         full = self._admitted(axes)
         values = np.broadcast_to(np.asarray(initial, dtype=float), [axis.size for axis in full])
         type = self.stores.arrays.declare(
             f"{self.name}.{suffix}", full, values, unit, doc, self.span, (low, high)
         )
-        # declared by the first call, with the axes that its arguments had
+        # the first call declared it, with the axes of its arguments
         if type.axes != full:
             self._called_differently()
         return self.stores.arrays.read(self.builder, f"{self.name}.{suffix}")
@@ -143,7 +143,7 @@ class LayerContext:
     def measured(
         self, suffix: str, statistic: Statistic, axes: tuple[Axis, ...], unit: Unit | None
     ) -> NodeId:
-        """An array that is a statistic of the training data; 0 or 1 until that is known."""
+        """An array with a statistic of the training data; before training 0 for a mean, else 1."""
         name = f"{self.name}.{suffix}"
         values = np.full([axis.size for axis in axes], 0.0 if statistic.kind == "mean" else 1.0)
         doc = f"{statistic.kind} of `{statistic.signal}` in the training data"
@@ -154,7 +154,7 @@ class LayerContext:
     def initial(
         self, suffix: str, initializer: Initializer | None, axes: tuple[Axis, ...], bound: float
     ) -> Array:
-        """The values that `init:` gives, else uniform ones in ±bound, drawn by the array's name."""
+        """The values of `init:`, otherwise uniform draws in ±bound by the name of the array."""
         full = self._admitted(axes)
         name = f"{self.name}.{suffix}"
         if initializer is not None:
@@ -163,16 +163,16 @@ class LayerContext:
         return uniform_draws(name, -bound, bound, shape, self.lowering.draw)
 
     def dropout(self, value: NodeId, rate: float) -> NodeId:
-        """The value, of which training leaves out this share of the elements."""
+        """The value with dropout: training drops each element with probability `rate`."""
         return self.builder.dropout(value, rate, self.name) if rate else value
 
     def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:
-        """The value of a builtin or of a function of the spec at operands of the same axes.
+        """Applies a builtin, or a function of the spec, to operands of equal axes.
 
-        It has their axes too: a function that removes or adds one is refused.
+        The result must have the same axes; a function that adds or removes an axis is reported.
         """
         span = function.span
-        # A name of a spec never starts with "_": these are the arguments of this call only.
+        # names of a spec never start with "_", so these arguments cannot collide
         arguments = {f"_{index}": node for index, node in enumerate(nodes)}
         inner = replace(
             self.environment,
@@ -187,7 +187,7 @@ class LayerContext:
             },
         )
         given = tuple(Name(name, span) for name in arguments)
-        # in a sub-model everything that is declared has a dot
+        # in a sub-model every declared name has a dot
         is_language = self.lowering.is_of_submodel(self.name) and "." not in function.value
         kind = LanguageName if is_language else Name
         result = self.lowering.names.call(Call(kind(function.value, span), given, (), span), inner)
@@ -199,13 +199,13 @@ class LayerContext:
         return self.builder.broadcast(result, axes)
 
     def with_arguments(self, nodes: Sequence[NodeId]) -> LayerContext:
-        """The context of a call whose arguments are known; the first call's shapes stay known."""
+        """The context of a call with known arguments; stores the shapes of the first call."""
         shapes_of = " and ".join(describe_axes(self.builder.type(node).axes) for node in nodes)
         self.stores.first_calls.setdefault(self.name, shapes_of)
         return replace(self, called_with=shapes_of)
 
     def _admitted(self, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
-        """The axes of an array after the cells'; refused where it would fill the memory."""
+        """The axes of an array, with those of the cells; reports an array that is too large."""
         full = (*self.cells, *axes)
         count = math.prod(axis.size for axis in full)
         if count > LARGEST_SIZE:

@@ -1,4 +1,4 @@
-"""Joins a kind of layer to its settings, its way to read arguments, and its expansion."""
+"""Defines the rule of a kind of layer: its settings, arguments and expansion."""
 
 from __future__ import annotations
 
@@ -20,22 +20,25 @@ Reading: TypeAlias = Callable[[LayerContext, S], NodeId]
 
 @dataclass(frozen=True)
 class LayerRule(Generic[S]):
-    """One kind of layer. A cell of a local model expands in a context with the cells' axes."""
+    """The rule of one kind of layer.
+
+    In a local model it expands in a context with the cells' axes.
+    """
 
     settings: type[S]
-    """The schema's entry of this kind."""
+    """The class of its settings in the schema."""
     read: Callable[[LayerContext, S], Arguments]
-    """Counts and lowers the arguments of a call; one of the functions of `arguments.py`."""
+    """Checks and lowers the arguments of a call; one of the functions of `arguments.py`."""
     expand: Expansion[S]
-    """The value of the layer, out of core operations."""
+    """Builds the value of the layer from core operations."""
     members: Mapping[str, Expansion[S]] = field(default_factory=dict[str, "Expansion[S]"])
-    """What is called as `NAME.member(expr)`."""
+    """Expansions of calls `NAME.member(expr)`."""
     values: Mapping[str, Reading[S]] = field(default_factory=dict[str, "Reading[S]"])
-    """What is read as `NAME.value`, without a call."""
+    """Values that are read as `NAME.value`, without a call."""
     is_black_box: bool = False
-    """Whether its numbers mean nothing one by one: other numbers make the same function, or one
-    that no data tell from it."""
+    """True if single parameters have no meaning, as in a neural network: other parameters give
+    the same function, or one that no data distinguish from it."""
 
 
 AnyRule: TypeAlias = LayerRule[Any]
-"""A rule of the registry: its functions take the settings of its own class only."""
+"""A rule of the registry; its functions accept only settings of its own class."""

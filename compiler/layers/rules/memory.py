@@ -1,4 +1,4 @@
-"""Layers with memory: how they read a signal, and the state that they keep of it."""
+"""Layers with memory: how they read a signal, and the state that they store."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from spec_schema.units.unit import Unit
 
 
 def read_signal(context: LayerContext, settings: Entry) -> Arguments:
-    """One value at t."""
+    """Reads one value at t."""
     return _at_one_sample(context, read_value(_in_the_step(context), settings))
 
 
 def read_vector(context: LayerContext, settings: Entry) -> Arguments:
-    """The elements of one value or of several, at t, along one axis."""
+    """Reads the elements of one or several values at t, along one axis."""
     arguments = _at_one_sample(context, read_elements(_in_the_step(context), settings))
     elements = context.elements(arguments[0])
     if len(elements) != 1:
@@ -45,16 +45,16 @@ class CallMemory:
     def of(
         context: LayerContext, arguments: Arguments, axes: tuple[Axis, ...], unit: Unit | None
     ) -> CallMemory:
-        """The state with these axes after the cells', one for each signal."""
+        """The state with the axes of the cells and `axes`; one state per signal."""
         name = context.lowering.memories.name(context.name, arguments)
         return CallMemory(context, name, Type((*context.cells, *axes), unit))
 
     def value(self) -> NodeId:
-        """The value remembered at the last step."""
+        """The value of the state, from the previous step."""
         return self.context.builder.state(self.name, self.type)
 
     def becomes(self, following: NodeId, start: NodeId, doc: str) -> None:
-        """Sets the value after the step, and the one before the first step (of that graph)."""
+        """Sets the value after the step, and the initial value (a node of the start graph)."""
         context, axes = self.context, self.type.axes
         state = State(
             name=self.name,
@@ -70,14 +70,14 @@ class CallMemory:
 
 
 def starting(context: LayerContext) -> LayerContext:
-    """The context in which a state's start is computed, over the log at t0."""
+    """The context for the initial value of a state, evaluated from the log at t0."""
     return replace(context, environment=START)
 
 
 def initial_value(
     context: LayerContext, expression: Expression | None, fits: tuple[Axis, ...]
 ) -> NodeId:
-    """The value of `init:` at t0, 0 without it; its axes are some of those that fit."""
+    """The value of `init:` at t0, 0 without it. Reports axes that are not in `fits`."""
     start = starting(context)
     if expression is None:
         return start.builder.constant(0.0)
@@ -91,7 +91,7 @@ def initial_value(
 
 
 def _in_the_step(context: LayerContext) -> LayerContext:
-    """The context of the step: within a vector field the layer is held over the step (R6)."""
+    """The context of the step; at integrator stages the layer is constant over the step (R6)."""
     environment, call = context.environment, context.call
     layer = f"the layer `{context.name}`"
     if environment.part is not EnvironmentPart.STEP:
@@ -107,12 +107,12 @@ def _in_the_step(context: LayerContext) -> LayerContext:
     if environment.arguments:
         where = "a function that a vector field calls"
         context.refuse(names.misplaced(context.name, where, call.function.span))
-    # a layer remembers samples, and stages of an integrator lie between these
+    # a layer stores samples, and integrator stages are between samples
     return replace(context, environment=replace(environment, stage=None))
 
 
 def _at_one_sample(context: LayerContext, nodes: Arguments) -> Arguments:
-    # several arguments that were put side by side are one node: the first stands for all
+    # several concatenated arguments are one node, reported at the first argument
     for node, argument in zip(nodes, context.call.arguments, strict=False):
         if context.builder.type(node).window is not None:
             what = f"the argument of `{context.name}`"

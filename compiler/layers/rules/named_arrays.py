@@ -1,4 +1,4 @@
-"""Arrays of a layer that are named parameters, which other layers and expressions can share."""
+"""Arrays of a layer that are named parameters, which layers and expressions can share."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from spec_schema.sections.values import Parameter
 
 
 def named_array(context: LayerContext, reference: Located[str], axes: tuple[Axis, ...]) -> NodeId:
-    """The parameter as an array of these axes after the cells'.
+    """The parameter as an array with the axes of the cells and `axes`, in this order.
 
-    It has them in this order. The dims of the spec must be the same; the samples of a window,
-    elements of a list and axes inside the layer have no name there, and only their sizes count.
+    Dims of the spec must be equal. Windows, list elements and internal axes of the layer have no
+    name in the spec, so only their sizes must match.
     """
     lowering, name, place = context.lowering, reference.value, reference.span
     declared = lowering.names.declared(name, place)

@@ -1,4 +1,6 @@
-"""Finds steps on both sides of decisions: segments between two steps are halved to neighbours."""
+"""Finds steps on both sides of a decision by bisection between two steps, down to adjacent
+floats.
+"""
 
 from __future__ import annotations
 
@@ -22,34 +24,34 @@ Array = NDArray[Any]
 Outcomes = NDArray[np.int8]
 
 _SEGMENTS = 3
-"""For each decision."""
+"""Segments per decision."""
 _TRIES = 12
 _APART = (14, 8)
-"""Binary digits by which the ends of segments differ where they are kept on the way."""
+"""Distances, in binary digits, at which the ends of a segment are also kept."""
 _BESIDE = 6
-"""Numbers around the ends among which one may be found at which two sides are equal."""
+"""Maximum distance in floats around the ends, where both sides of a decision may be equal."""
 _AROUND = 8
 _LONGER = 24
-"""Rounds of `_AT_ONCE` steps each around every end where no two sides were equal yet: a sum of
-products hits 0 at few of the numbers beside the place where its sign changes."""
+"""Rounds of `_AT_ONCE` steps around every end without equal sides so far. A sum of products is
+exactly 0 at few of the floats near its change of sign."""
 _AT_ONCE = 16
 _MOVED = (0.1, 0.3, 1.0)
-"""Shares of the numbers that move beside an end, by turns."""
+"""Fractions of the elements that change near an end, alternating."""
 _ENOUGH = 4
-"""Steps at which two sides of a decision are equal."""
+"""Number of steps per decision with equal sides."""
 
 
 @dataclass(frozen=True, slots=True)
 class Boundaries:
-    """Steps near places where an outcome changes."""
+    """Steps near changes of an outcome."""
 
     found: list[Trials]
-    """All, some of them next to such a place and some at it."""
+    """All steps, near or at such a change."""
     equal: Trials
-    """Few steps of each decision at which both sides are equal, which is rare."""
+    """A few steps per decision with equal sides, which are rare."""
     below: Trials
     above: Trials
-    """Pairs of steps a little apart that decide otherwise."""
+    """Pairs of close steps with different decisions."""
 
 
 def boundaries(
@@ -58,17 +60,17 @@ def boundaries(
     drawn: Trials,
     random: np.random.Generator,
 ) -> Boundaries:
-    """Steps near, next to and at the places where an outcome (B, decisions) changes.
+    """Steps near and at the changes of an outcome (B, decisions).
 
-    Both ends of a segment have the same start. In between all numbers move together, as far in the
-    order of the numbers of their type.
+    Both ends of a segment have the same start. Bisection moves all elements together, by the same
+    number of floats in proportion.
     """
     left, right, decision = _segments(outcomes(drawn), drawn, random)
     rows = np.arange(len(decision))
     if not len(rows):
         return Boundaries([], left, left, right)
     side = outcomes(left)[rows, decision]
-    # integers in the order of the numbers: a middle has as many numbers on both sides
+    # integers in the order of floats: the middle has as many floats on both sides
     low, high = codes_of(left.numbers), codes_of(right.numbers)
     found: list[Trials] = []
     pairs: list[tuple[Trials, Trials]] = []
@@ -76,17 +78,17 @@ def boundaries(
     def trials(codes: Array, chosen: Array) -> Trials:
         return Trials(left.starts[chosen], numbers_of(codes[chosen], steps.dtype))
 
-    # distances are below two to the bits of a code: so many halvings make neighbours of the ends
+    # after this many halvings the ends are adjacent floats
     for _ in range(8 * steps.dtype.itemsize + 1):
         apart = distance(low, high).max(axis=1)
         middle = between(low, high)
         here = outcomes(trials(middle, rows))[rows, decision]
         found.append(trials(middle, here == 0))
-        # the left end stays on its side; equality counts as the other one
+        # the left end stays on its side; equality counts as the other side
         stays = (here == side)[:, np.newaxis]
         low, high = np.where(stays, middle, low), np.where(stays, high, middle)
         for digits in _APART:
-            # in this turn the segment has become shorter than that
+            # the segment became shorter than this in this iteration
             now = (apart > 2**digits) & (distance(low, high).max(axis=1) <= 2**digits)
             found += [trials(low, now), trials(high, now)]
             if digits == _APART[0]:
@@ -107,7 +109,7 @@ def _equal(
     dtype: np.dtype[Any],
     random: np.random.Generator,
 ) -> Trials:
-    """Steps beside these ends at which the sides of their decisions are equal."""
+    """Steps near these ends at which the sides of their decisions are equal."""
     found, counts = [ends.of(np.zeros(0, np.int64))], np.zeros(decision.max() + 1, np.int64)
     codes = codes_of(ends.numbers)
     for turn in range(_LONGER):
@@ -128,18 +130,18 @@ def _equal(
 def _segments(
     outcomes: Outcomes, drawn: Trials, random: np.random.Generator
 ) -> tuple[Trials, Trials, NDArray[np.int64]]:
-    """Pairs of steps between which an outcome changes, and of which decision it is."""
+    """Pairs of steps with different outcomes, and the index of the decision."""
     found: list[tuple[int, int, int]] = []
     for decision, of in enumerate(outcomes.T):
         below, above = np.flatnonzero(of == -1), np.flatnonzero(of == 1)
         if not (len(below) and len(above)):
-            # never on one of the sides: from where both are equal
+            # one side never occurs: use steps with equal sides
             below, above = np.flatnonzero(of == 0), np.flatnonzero((of != 0) & (of != UNORDERED))
         if not (len(below) and len(above)):
             continue
         for number in range(_SEGMENTS):
             for _ in range(_TRIES):
-                # steps with plain numbers stand first
+                # steps with plain values come first
                 a = below[0] if number == 0 else random.choice(below)
                 others = above[drawn.starts[above] == drawn.starts[a]]
                 if len(others):

@@ -1,7 +1,7 @@
-"""Evaluates a graph in which rows of a batch have another number as an operand of a node.
+"""Evaluates a graph with changed operands of single nodes, one change per row (mutation testing).
 
-Which of these changes show in a result says which wrong constants, operands and operators of
-generated C a step can find (DeMillo, Lipton, Sayward: Hints on test data selection, 1978).
+If a change affects a result, the step detects a wrong constant, operand or operator at this place
+in generated C (DeMillo, Lipton, Sayward: Hints on test data selection, 1978).
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from compiler.ir.program import Graph, NodeId
 Kind = Literal["moved", "negated", "flipped"]
 
 _ELEMENTS = 8
-"""Of an operand with more numbers the first, the last and one between are changed."""
+"""Operands with more elements have changes of the first, middle and last element only."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A number of an operand of a node is another one."""
+    """A changed element of a node's operand."""
 
     node: NodeId
     operand: int
@@ -42,7 +42,7 @@ class Change:
 
 
 class ChangeableGraph:
-    """The nodes that some results need, ready to be evaluated with changes."""
+    """The nodes that some results depend on, with an evaluator that supports changes."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class ChangeableGraph:
     ) -> None:
         live = needed(graph, results)
         self._graph = graph
-        with np.errstate(over="ignore"):  # beyond float32 a weight is infinite, as in C
+        with np.errstate(over="ignore"):  # a weight beyond float32 is infinite, as in C
             self._evaluators: dict[NodeId, Evaluator] = {
                 i: evaluator(n, tuple(graph[a].type for a in n.args), weights, dtype)
                 for i, n in graph
@@ -62,7 +62,7 @@ class ChangeableGraph:
 
     @property
     def size(self) -> int:
-        """The count of all numbers that a step computes, the terms of sums too."""
+        """The number of elements that a step computes, including the terms of sums."""
         return sum(
             self._graph[index].type.size + sum(self._graph[arg].type.size for arg in node.args)
             if isinstance((node := self._graph[index]).op, ops.Reduction)
@@ -71,11 +71,11 @@ class ChangeableGraph:
         )
 
     def changes(self) -> list[Change]:
-        """The changes of all operands: a number a little larger, its opposite; a truth negated."""
+        """The changes of all operands: slightly larger, negated, or a flipped bool."""
         found: list[Change] = []
         for index in self._evaluators:
             node = self._graph[index]
-            # what only moves numbers is seen where they are used; a window reads the state too
+            # structural operations are tested at their users; a window also reads the state
             if isinstance(node.op, ops.Structure | ops.Identity | ops.Window):
                 continue
             for operand, arg in enumerate(node.args):
@@ -89,9 +89,9 @@ class ChangeableGraph:
         return found
 
     def run(self, around: LeafValues, parameters: Mapping[str, Array]) -> Mapping[NodeId, Array]:
-        """The values of nodes, (B, *shape) or (1, *shape), computed when they are asked for.
+        """The values of nodes, (B, *shape) or (1, *shape), computed on demand.
 
-        `parameters` that are not the same in all rows are (B, *shape).
+        `parameters` that differ between rows are (B, *shape).
         """
         return _Asked(self._graph, self._evaluators, around, parameters)
 
@@ -104,7 +104,7 @@ class ChangeableGraph:
     ) -> Mapping[NodeId, Array]:
         """The values of all nodes in copies of the rows of `right`, with each change in its rows.
 
-        `around` is that of the copies. What no change touches is not computed again.
+        `around` belongs to the copies. Nodes that no change affects are not recomputed.
         """
         by_node: dict[NodeId, list[tuple[Change, NDArray[np.int64]]]] = {}
         for change, rows in changes.items():
@@ -112,14 +112,14 @@ class ChangeableGraph:
         values, touched = _Copied(right, copies), set[NodeId]()
         with np.errstate(all="ignore"):
             for index, evaluate in self._evaluators.items():
-                # before its own change: the node may depend on one that changed earlier
+                # recompute first: the node may depend on an earlier change
                 if not touched.isdisjoint(self._graph[index].args):
                     values[index] = evaluate(cast("list[Array]", values), around)
                     touched.add(index)
                 if index in by_node:
                     value = repeated_batch(values[index], len(copies)).copy()
                     for change, rows in by_node[index]:
-                        # one change a copy, as a mutant of the C has one
+                        # one change per copy, like a mutant of the C code
                         value[rows] = self._changed(evaluate, change, values, rows)
                     values[index] = value
                     touched.add(index)
@@ -139,7 +139,7 @@ class ChangeableGraph:
         numbers = changed.reshape(len(rows), -1)[:, change.element]
         match change.kind:
             case "moved":
-                # by a hundredth, and a 0 moves too
+                # by 1 %, and 0 changes as well
                 numbers[:] = numbers * 1.01 + 0.001
             case "negated":
                 numbers[:] = -numbers
@@ -150,7 +150,7 @@ class ChangeableGraph:
 
 
 class _Asked(dict[NodeId, Array]):
-    """Values of nodes; most questions are about few of them."""
+    """Values of nodes, computed on demand."""
 
     def __init__(
         self,
@@ -164,7 +164,7 @@ class _Asked(dict[NodeId, Array]):
         self._around, self._parameters = around, parameters
 
     def __missing__(self, asked: NodeId) -> Array:
-        # no recursion: a graph may be deeper than Python's stack
+        # no recursion: a graph may exceed Python's recursion limit
         waiting = [asked]
         with np.errstate(all="ignore"):
             while waiting:
@@ -185,7 +185,7 @@ class _Asked(dict[NodeId, Array]):
 
 
 class _Copied(dict[NodeId, Array]):
-    """Rows of values, repeated where they are asked for."""
+    """Rows of values, repeated on demand."""
 
     def __init__(self, values: Mapping[NodeId, Array], copies: NDArray[np.int64]) -> None:
         super().__init__()

@@ -1,1 +1,1 @@
-"""Makes golden vectors, and judges in numpy what their steps answer."""
+"""Makes golden vectors, and checks the results of their steps in NumPy."""

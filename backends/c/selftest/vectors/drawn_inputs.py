@@ -1,4 +1,4 @@
-"""Draws what golden vectors begin with: samples around t0 and inputs, some of them invalid."""
+"""Draws the data of golden vectors: samples around t0 and inputs, some of them invalid."""
 
 from __future__ import annotations
 
@@ -18,27 +18,28 @@ from compiler.ir.program import Program, Signal
 Array = NDArray[Any]
 
 _SPECIAL_EVERY = 5
-"""Steps from one value at a knot to the next, and from one invalid value that the policy replaces
-to the next."""
+"""Period in steps of values at a knot, and of invalid values that the policy replaces."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartPoint:
-    """The start of a run's states: part `part` of `parts` of the range of each."""
+    """Where a run draws its initial states: in part `part` of `parts` equal parts of each range."""
 
     part: int = 0
     parts: int = 1
     knot: Literal["at", "below"] | None = None
-    """At the nearest number of the program or just below: intervals of tables meet there."""
+    """Starts at the nearest constant of the program, or at the next value below it.
+
+    Intervals of lookup tables meet at such constants."""
 
 
 Outside = Literal["above", "below", "far above", "far below", "nan"]
-"""Beyond which limit of its range a number is, or none."""
+"""The side and distance by which a value is outside its range, or NaN."""
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnRecord:
-    """The measurements around the first step, (rows, *shape) by name."""
+    """Measured samples around the first step, (rows, *shape) by name of signal."""
 
     log: dict[str, Array]
     t0: int
@@ -53,15 +54,16 @@ def drawn_record(
     *,
     invalid: int | None = None,
 ) -> DrawnRecord:
-    """A record as long as the start graph needs.
+    """Draws a record just long enough for the start graph.
 
-    With `invalid` the first samples, and of the others every second or so, are invalid where the
-    policy replaces them: by turns of each kind, beginning with that one.
+    With `invalid`, samples of signals whose policy is clamp or hold are replaced by invalid values:
+    all up to the oldest sample read, and half of the others. The kinds of invalid values take
+    turns, starting with the kind of index `invalid`.
     """
-    # rounded to the type of the code first: the number beside a threshold is another one in float32
+    # rounded to the code's type first: the value next to a threshold differs in float32
     knots = knots_of(program, dtype)
     reads = extents(program.start, log=True)
-    # as little of the past as the start reads: a golden vector is data in somebody's flash
+    # as few past samples as the start reads: golden vectors take flash memory on the target
     t0 = max([0, *(-extent.first for extent in reads.values())])
     rows = t0 + 1 + max([0, *(extent.last for extent in reads.values())])
     # a measured state starts anywhere in its range
@@ -70,7 +72,7 @@ def drawn_record(
     for number, name in enumerate(reads):
         signal = program.signal(name)
         shape = tuple(axis.size for axis in signal.axes)
-        # past samples of inputs out of range would drive a state far from its limit at once
+        # past inputs out of range would move a state far from its limit in one step
         here = (
             start
             if name in ranges or isinstance(start, StartPoint) or start == "nan"
@@ -91,7 +93,7 @@ def drawn_record(
 
 
 def knots_of(program: Program, dtype: Dtype) -> Array:
-    """The numbers in a step: what decides between branches is among them."""
+    """All finite constants of the step graph, sorted; thresholds of branches are among them."""
     numbers = {
         x for _, node in program.step if isinstance(node.op, Constant) for x in node.op.values
     }
@@ -107,37 +109,41 @@ def drawn_series(
     *,
     turn: int = 0,
 ) -> Array:
-    """Values of an input, (steps, *shape), within its range or [-1, 1] but for invalid ones.
+    """Draws values of an input, (steps, *shape): within its range or [-1, 1], except invalid ones.
 
-    Some lie at one of the knots or at a limit, some just below, some a little above; the last but
-    one are 0 where that is valid. Some values come twice in a row.
+    Some values lie at a knot or limit, some just below or slightly above one. Some rows repeat the
+    row before. The last row but one is 0 if 0 is in the range.
 
-    Where the policy replaces invalid values there are some of each kind, in other steps for inputs
-    with another `turn`, as one bit tells of all inputs; where it flags them, one
-    is the next number above the range and one far above it, and below, and one is NaN in the last
-    step, as it would spoil what follows. Where they are trusted there is that alone. The first
-    `opening` samples are invalid in every element: of all kinds where they are replaced, else just
-    outside the range.
+    Invalid values depend on the policy of the input:
+
+    - clamp, hold: all kinds of invalid values occur. Inputs with different `turn` have them in
+      different steps, because one status bit covers all inputs.
+    - flag: values just and far outside both limits, and NaN in the last step, as NaN would spoil
+      later steps.
+    - trust: only NaN in the last step.
+
+    In the first `opening` samples all elements are invalid: of all kinds for clamp and hold,
+    otherwise just outside the range.
     """
     signal = input.port.signal
-    # drawn in double and rounded: both types see the same points of the range
+    # drawn in float64, then rounded: both types get the same points of the range
     low, high = drawable(signal.range)
     series = random.uniform(low, high, (steps, *input.field.shape)).astype(knots.dtype)
     rows = series.reshape(steps, -1)
 
     def put(at: Array, values: Array) -> None:
-        """Into one element of each of these rows."""
+        """Writes one value to a random element of each of these rows."""
         rows[at, random.integers(rows.shape[1], size=len(at))] = np.resize(values, len(at))
 
     again = np.arange(_SPECIAL_EVERY - 1, steps, _SPECIAL_EVERY)
-    # the same input twice shows what depends on the state alone
+    # repeated inputs show effects of the state alone
     rows[again] = rows[again - 1]
     ends = [end for end in signal.range or () if math.isfinite(end)]
     inside = np.append(knots[(knots >= low) & (knots <= high)], ends).astype(knots.dtype)
     if inside.size:
         at = np.arange(0, steps, _SPECIAL_EVERY)
         chosen = random.choice(inside, len(at))
-        # one number beside a threshold is what tells < from <=
+        # only values next to a threshold distinguish < from <=
         below = np.nextafter(chosen, knots.dtype.type(low))
         above = np.minimum(chosen + _NEAR * random.random(len(at)) * np.abs(chosen), high)
         put(at, np.choose(random.integers(3, size=len(at)), [chosen, below, above]))
@@ -168,7 +174,7 @@ def drawn_series(
 def _within(
     limits: tuple[float, float], start: StartPoint | Outside, shift: int
 ) -> tuple[float, float]:
-    """The limits to draw a start between; `shift` puts signals of a run in different parts."""
+    """The limits to draw a start between; `shift` gives signals of one run different parts."""
     low, high = limits
     if isinstance(start, StartPoint):
         width = (high - low) / start.parts
@@ -178,7 +184,7 @@ def _within(
 
 
 def outside(limits: tuple[float, float], where: Outside) -> float:
-    """A number beyond these limits, or none."""
+    """A value outside these limits, or NaN."""
     low, high = limits
     match where:
         case "above":
@@ -196,17 +202,20 @@ def outside(limits: tuple[float, float], where: Outside) -> float:
 
 
 def _little(width: float, limit: float) -> float:
-    """Little enough that a limit which is a little wrong is noticed."""
+    """A distance so small that a slightly wrong limit is noticed."""
     return max(width * _BESIDE, abs(limit) * _ROUNDING)
 
 
 _BESIDE, _ROUNDING, _FAR, _NEAR = 4e-3, 2.0**-20, 1e3, 1e-2
-"""How far just outside is, of the range and of its limit: more than float32 rounds away; how far
-is far, and how much of a knot is a little."""
+"""Relative distances of drawn values.
+
+`_BESIDE` (of the width of the range) and `_ROUNDING` (of the limit) are just outside, but more than
+the rounding of float32. `_FAR` is far outside, `_NEAR` slightly above a knot.
+"""
 
 
 def drawable(range: tuple[float, float] | None) -> tuple[float, float]:
-    """Finite limits to draw between."""
+    """Finite limits to draw between; an infinite limit is replaced by one 2 away from the other."""
     if range is None:
         return -1.0, 1.0
     low, high = range
@@ -216,7 +225,7 @@ def drawable(range: tuple[float, float] | None) -> tuple[float, float]:
 
 
 def _invalid(signal: Signal, dtype: DTypeLike) -> list[float]:
-    """Values of every kind that is invalid: just and far outside the range, and no numbers."""
+    """One value of each finite invalid kind: just outside and far outside each finite limit."""
     far: list[float] = []
     if signal.range is not None:
         low, high = signal.range
@@ -233,7 +242,7 @@ _NO_NUMBERS = (math.nan, math.inf, -math.inf)
 
 
 def beside(range: tuple[float, float] | None, dtype: DTypeLike) -> list[float]:
-    """The next numbers above and below a range, where it has these limits."""
+    """The next value above the range and the next below it, for each finite limit."""
     ends = ((range[1], math.inf), (range[0], -math.inf)) if range is not None else ()
     numbers = np.array([pair for pair in ends if math.isfinite(pair[0])], dtype).reshape(-1, 2)
     return [float(x) for x in np.nextafter(numbers[:, 0], numbers[:, 1])]

@@ -1,4 +1,4 @@
-"""Draws records in which one sample is out of order: each tries one check of `reset`."""
+"""Draws records with one invalid sample: each tests one check of `reset`."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ Limits = tuple[float, float]
 def drawn_starts(
     program: Program, random: np.random.Generator, dtype: Dtype, unroll: int
 ) -> Iterator[DrawnRecord]:
-    """Records around t0: all at the lower limits, all at the upper ones, then one sample outside.
+    """Records around t0: one at all lower limits, one at all upper limits, then one sample outside.
 
-    Of signals with up to `unroll` numbers each is outside once in every way, as generated C has a
-    statement for each. Of others the first, the last and one between take turns, as it has a loop.
+    In signals of up to `unroll` elements each element is invalid once in every way, because
+    generated C has a statement for each. In larger signals, which C checks in a loop, only the
+    first, last and middle element take turns.
     """
     ranges = {state.name: state.range for state in program.states}
     reads = extents(program.start, log=True)
@@ -38,7 +39,7 @@ def drawn_starts(
     for end in (0, 1):
         record = drawn_record(program, random, StartPoint(), dtype)
         for name, series in record.log.items():
-            # at a limit and not beyond: what is in order must not be reported
+            # exactly at a limit: `reset` must not report valid samples
             series[:] = _common(limits[name])[end]
         yield record
     for name, extent in reads.items():
@@ -48,7 +49,7 @@ def drawn_starts(
             for element in _elements(count, unroll, turn):
                 record = drawn_record(program, random, StartPoint(), dtype)
                 for other, series in record.log.items():
-                    # all else in order, so that the status tells of one check alone
+                    # all other samples are valid, so that the status shows this check alone
                     np.clip(series, *_common(limits[other]), out=series)
                 begin = size * (record.t0 + extent.first)
                 record.log[name].reshape(-1)[begin + element] = value
@@ -56,14 +57,14 @@ def drawn_starts(
 
 
 def _common(limits: list[Limits]) -> Limits:
-    """Finite limits that are inside all of these."""
+    """Finite limits of the intersection of these ranges."""
     low = max((low for low, _ in limits), default=-math.inf)
     high = min((high for _, high in limits), default=math.inf)
     return drawable((low, high))
 
 
 def _invalid(limits: list[Limits], dtype: Dtype) -> list[float]:
-    """Values that checks must see: next to a limit, NaN, and infinite where nothing bounds."""
+    """Values that a check must reject: next to each limit, NaN, and ±inf if a side has no limit."""
     found = [value for known in limits for value in beside(known, dtype)]
     bounded = all(any(math.isfinite(known[end]) for known in limits) for end in (0, 1))
     return [*found, math.nan, *(() if bounded else (math.inf, -math.inf))]

@@ -1,4 +1,4 @@
-"""Says in numpy what `init` leaves, and what the first step makes of it."""
+"""Computes in NumPy the states after `init` and those that the first step fills."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[Any]
 
 
 def emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:
-    """States as `init` leaves them: what only a record can give is 0."""
+    """States after `init`: 0 for those that only a record could initialise."""
     return {
         name: np.zeros_like(value) if name in interface.from_record else value
         for name, value in states.items()
@@ -29,12 +29,13 @@ def filled_by_first(
     log: tuple[dict[str, Array], NDArray[np.int64]],
     rows: Sequence[int],
 ) -> dict[str, Array]:
-    """States after `init` in some of the runs: the first step fills buffers with its newest sample.
+    """States after `init` in the given runs: the first step fills buffers with its newest sample.
 
-    A buffer's sample may be computed from other buffers, so they are filled until none changes.
+    The newest sample of a buffer may depend on other buffers, so that filling is repeated once per
+    buffer.
     """
     filled = {name: value.copy() for name, value in states.items()}
-    # as many rounds as buffers: the longest chain of buffers that read each other
+    # a chain of buffers that read each other is at most as long as their count
     for _ in interface.filled_by_first:
         following = interpreter.step(*log, filled, losses=False).next_states
         for name in interface.filled_by_first:

@@ -1,4 +1,4 @@
-"""Makes golden starts: samples around t0, the states that `reset` makes of them, its status."""
+"""Makes golden starts: samples around t0, the states that `reset` sets from them, its status."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class GoldenStart:
-    """Values by name in the spec, in the type of the generated code."""
+    """Arguments and expected results of one `reset`, by name in the spec, in the type of C."""
 
     windows: dict[str, Array]
     """Raw samples that `reset` takes."""
     supplied: dict[str, Array]
-    """States that `reset` takes."""
+    """States that `reset` takes as arguments."""
     states: dict[str, Array]
-    """What it sets, (1, *shape)."""
+    """Expected states after `reset`, (1, *shape)."""
     status: StatusBit
-    """What it returns."""
+    """The status that `reset` returns."""
 
 
 def golden_start(
     interface: Interface, interpreter: Interpreter, record: DrawnRecord
 ) -> GoldenStart:
-    """The samples of a record for `reset`, and the interpreter's answer in its arithmetic."""
+    """The arguments of `reset` from a record, and the result of the reference interpreter."""
     windows: dict[str, Array] = {}
     log, bits = dict(record.log), StatusBit(0)
     for field, port in interface.windows:
@@ -46,7 +46,7 @@ def golden_start(
         rows = slice(record.t0 + port.first, record.t0 + port.last + 1)
         windows[field.name] = np.moveaxis(series[rows], 0, -1).reshape(field.shape).copy()
         checked = apply_policy_to_window(port.signal, series[rows], interface.options.dtype)
-        # states are made of the samples as the policy leaves them
+        # states are computed from the samples after the policy was applied
         series[rows], bits = checked[0], bits | checked[1]
         log[field.name] = series
     states = interpreter.start(log, record.t0)
