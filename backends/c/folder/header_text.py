@@ -1,9 +1,9 @@
-"""Writes the public header: types with units, ranges and spec lines, and prototypes."""
+"""Writes the public header: types with units, ranges and places in the spec, prototypes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
@@ -34,14 +34,14 @@ def header_text(
     the Jacobian and back.
     """
     printer = Printer(interface.prefix, interface.options.dtype)
-    # the self-test reports these by a bit
+    # these have a bit in the result of the self-test
     helpers = program.sample_time is not None or bool(interface.jacobian)
     return render(
         "header.h.j2",
         interface,
         "Interface",
         doc=comment(program.doc) if program.doc else "",
-        **origin(program.spec_hash),
+        **origin(program),
         # always a double: callers derive timers from it, and 0.1f is a different time
         sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
         c_real="float" if interface.options.dtype == "float32" else "double",
@@ -66,7 +66,17 @@ def header_text(
     )
 
 
-def about_text(interface: Generated, spec_hash: str, sample_time: str | None) -> str:
+class Made(Protocol):
+    """A program, in floating point or in integers."""
+
+    @property
+    def spec_hash(self) -> str: ...
+
+    @property
+    def made_by(self) -> str: ...
+
+
+def about_text(interface: Generated, program: Made, sample_time: str | None) -> str:
     """`src/<prefix>_about.c`: the origin of the code, as strings in the binary.
 
     `sample_time` is a literal of the program's real type.
@@ -74,10 +84,8 @@ def about_text(interface: Generated, spec_hash: str, sample_time: str | None) ->
     return render("about.c.j2", interface, "Origin", **origin(program), sample_time=sample_time)
 
 
-def origin(spec_hash: str) -> dict[str, Any]:
-    """The version of msnn, the spec and the identity of the export, for headers and
-    `about_text`.
-    """
+def origin(program: Made) -> dict[str, Any]:
+    """The tool, the spec and the identity of the export, as headers and `about_text` show them."""
     return {
         "made_by": _text(program.made_by),
         "spec_sha256": _text(program.spec_hash),
@@ -91,7 +99,7 @@ def _text(text: str) -> dict[str, object]:
 
 
 def defined(macro: str, bit: int, meaning: str) -> dict[str, str]:
-    """The definition of a status bit in a header, with its comment."""
+    """A bit of a status as headers show it."""
     return {"comment": comment(meaning), "definition": f"#define {macro} {int(bit)}U"}
 
 
