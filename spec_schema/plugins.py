@@ -139,11 +139,14 @@ def _lines(feature: Feature) -> Iterator[tuple[str, FeatureLines[Any], KeyLine]]
         yield "section", registry.SECTIONS, section
     for target in feature.targets:
         yield "target", registry.TARGETS, target
+    for layer in feature.layers:
+        yield "layer", registry.LAYERS, layer
 
 
 def _import_all(feature: Feature) -> None:
     """Imports the objects of all lines, so that a failure is reported before a spec is read."""
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
+    named += [each for line in feature.layers for each in (line.entry, line.rule)]
     for each in named:
         assert each.value is not None

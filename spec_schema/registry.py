@@ -61,6 +61,8 @@ class FeatureLines(Generic[FeatureLine]):
         self.of_plugins += (line,)
         for mapping in self._mappings:
             _add_field(mapping, line)
+            # entries that were read before lack the field
+            setattr(mapping, line.key, None)
             mapping.model_rebuild(force=True)
 
     def remove(self, line: FeatureLine) -> None:
@@ -68,6 +70,7 @@ class FeatureLines(Generic[FeatureLine]):
         self.of_plugins = tuple(each for each in self.of_plugins if each is not line)
         for mapping in self._mappings:
             del mapping.__pydantic_fields__[line.key]
+            delattr(mapping, line.key)
             mapping.model_rebuild(force=True)
 
     def is_free(self, key: str) -> bool:
@@ -142,6 +145,22 @@ TARGETS = FeatureLines(
 )
 """In the order in which they are written, after those of the core."""
 
+
+@dataclass(frozen=True)
+class LayerLine:
+    """A kind of layer that a plug-in brings."""
+
+    key: str
+    entry: LateEntry
+    """The class of its settings."""
+    rule: LateObject
+    """The `compiler.layers.rules.layer_rule.LayerRule` that expands it into core operations."""
+    about: str
+
+
+LAYERS: FeatureLines[LayerLine] = FeatureLines()
+"""The layers of plug-ins; those of msnn are fields of `Layer` and files in `compiler/layers/`."""
+
 VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
 )
@@ -182,3 +201,5 @@ class Feature:
     """Sections of the spec."""
     targets: tuple[TargetLine, ...] = ()
     """Targets of `msnn export` that write text."""
+    layers: tuple[LayerLine, ...] = ()
+    """Kinds of layers."""

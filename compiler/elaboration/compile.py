@@ -167,6 +167,7 @@ def _used_plugins(spec: Spec, used: Mapping[str, ReadResult]) -> Iterable[UsedPl
     for each in (spec, *all_specs(used)):
         names |= {("section", line.key) for line, _ in each.sections()}
         names |= {("target", name) for name in (() if each.export is None else each.export.asked)}
+        names |= {("layer", layer.kind) for layer in each.layers.values()}
     for plugin in plugins_with(names):
         yield UsedPlugin(plugin.package, plugin.version)
 
