@@ -111,7 +111,7 @@ def has_foreign_keys(root: Node, settings: Sequence[str] = ()) -> bool:
 
 
 def _keys(node: Node | None) -> Sequence[str]:
-    """The keys of a mapping; a lone word stands for the mapping with that key."""
+    """The keys of a mapping; a lone word means the mapping with that key."""
     if isinstance(node, Table):
         return tuple(node.entries)
     return (node.text,) if isinstance(node, Scalar) and isinstance(node.value, str) else ()
