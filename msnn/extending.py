@@ -25,6 +25,7 @@ from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, error, remark, warning
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.language import Signature
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import ExpressionField
 from spec_schema.fields.late_entry import LateEntry, LateObject
@@ -44,7 +45,7 @@ from spec_schema.fields.plain import (
     choice,
 )
 from spec_schema.fields.quantities import QuantityField, RangeField, UnitField
-from spec_schema.registry import Feature, LayerLine, SectionLine, TargetLine
+from spec_schema.registry import Feature, FunctionLine, LayerLine, SectionLine, TargetLine
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 from spec_schema.sections.spec import Spec
 
@@ -60,6 +61,7 @@ __all__ = [
     "ExpressionField",
     "Feature",
     "FloatTargetEntry",
+    "FunctionLine",
     "GraphBuilder",
     "LateEntry",
     "LateObject",
@@ -87,6 +89,7 @@ __all__ = [
     "Section",
     "SectionLine",
     "SectionProblem",
+    "Signature",
     "Span",
     "Spec",
     "SpecError",

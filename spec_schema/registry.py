@@ -12,6 +12,7 @@ from typing import Annotated, Any, Generic, Optional, Protocol, TypeVar
 from pydantic import Field
 from pydantic.fields import FieldInfo
 
+from spec_schema.expressions.language import Signature
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.late_entry import LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
@@ -161,6 +162,23 @@ class LayerLine:
 LAYERS: FeatureLines[LayerLine] = FeatureLines()
 """The layers of plug-ins; those of msnn are fields of `Layer` and files in `compiler/layers/`."""
 
+
+@dataclass(frozen=True)
+class FunctionLine:
+    """A function of expressions that a plug-in brings."""
+
+    key: str
+    """Its name in expressions; a name that a spec declares comes first."""
+    signature: Signature
+    expand: LateObject
+    """The function `(builder, *arguments) -> node` that makes it of core operations."""
+
+
+FUNCTIONS: dict[str, FunctionLine] = {}
+"""The functions of plug-ins; those of msnn are builtins of the compiler."""
+OWN_FUNCTIONS: set[str] = set()
+"""Names that a function of a plug-in cannot have, filled by the compiler."""
+
 VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
 )
@@ -203,3 +221,5 @@ class Feature:
     """Targets of `msnn export` that write text."""
     layers: tuple[LayerLine, ...] = ()
     """Kinds of layers."""
+    functions: tuple[FunctionLine, ...] = ()
+    """Functions of expressions."""

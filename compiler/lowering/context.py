@@ -102,6 +102,8 @@ class Context:
     """Calls of the forward dynamics of robots in the step, by the node of their result."""
     used: set[str] = field(default_factory=set[str])
     """Names that something refers to."""
+    plugin_functions: set[str] = field(default_factory=set[str])
+    """Functions of plug-ins that something calls."""
     unread: list[FunctionArgument] = field(default_factory=list[FunctionArgument])
     """Arguments that the formulas of their functions do without."""
     measured: dict[str, State] = field(default_factory=dict[str, State])
