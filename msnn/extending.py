@@ -6,13 +6,26 @@ docs/extending.md shows how to write, install and test a plug-in.
 from __future__ import annotations
 
 from compiler.elaboration.section import CompiledSection, CompileOther, Section, SectionProblem
-from compiler.ir.program import Program
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import NodeId, Program
+from compiler.ir.types import Axis
+from compiler.layers.rules.arguments import (
+    read_elements,
+    read_scalars,
+    read_value,
+    read_values,
+    read_window,
+)
+from compiler.layers.rules.layer_context import LayerContext
+from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.linking.link import Linked
 from msnn.exports.prepare import float_plan, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, error, remark, warning
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.language import Signature
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import ExpressionField
 from spec_schema.fields.late_entry import LateEntry, LateObject
@@ -32,11 +45,13 @@ from spec_schema.fields.plain import (
     choice,
 )
 from spec_schema.fields.quantities import QuantityField, RangeField, UnitField
-from spec_schema.registry import Feature, SectionLine, TargetLine
+from spec_schema.registry import Feature, FunctionLine, LayerLine, SectionLine, TargetLine
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 from spec_schema.sections.spec import Spec
 
 __all__ = [
+    "Arguments",
+    "Axis",
     "CompileOther",
     "CompiledSection",
     "Diagnostic",
@@ -46,13 +61,19 @@ __all__ = [
     "ExpressionField",
     "Feature",
     "FloatTargetEntry",
+    "FunctionLine",
+    "GraphBuilder",
     "LateEntry",
     "LateObject",
+    "LayerContext",
+    "LayerLine",
+    "LayerRule",
     "Linked",
     "Located",
     "ManyOf",
     "Model",
     "NewName",
+    "NodeId",
     "NonNegativeCount",
     "NonNegativeNumber",
     "OneOf",
@@ -63,10 +84,12 @@ __all__ = [
     "RangeField",
     "Reference",
     "References",
+    "Relation",
     "Request",
     "Section",
     "SectionLine",
     "SectionProblem",
+    "Signature",
     "Span",
     "Spec",
     "SpecError",
@@ -81,6 +104,11 @@ __all__ = [
     "choice",
     "error",
     "float_plan",
+    "read_elements",
+    "read_scalars",
+    "read_value",
+    "read_values",
+    "read_window",
     "remark",
     "step_program",
     "warning",

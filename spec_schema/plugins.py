@@ -85,6 +85,7 @@ def forget() -> None:
         for lines, line in reversed(_SEARCH.added):
             lines.remove(line)
         _SEARCH.added.clear()
+        registry.FUNCTIONS.clear()
         _SEARCH.plugins = None
 
 
@@ -120,14 +121,24 @@ def _looked_up() -> Plugins:
                 _SEARCH.added.append((lines, line))
                 keys.add((kind, line.key))
             else:
-                reason = "msnn or another plug-in has this name, or it is no name"
-                repair = f"rename the {kind} in {package}"
-                warnings.append(left_out(package, f"the {kind} `{line.key}`", reason, repair))
+                warnings.append(_taken(package, kind, line.key))
+        for function in feature.functions:
+            taken = function.key in registry.OWN_FUNCTIONS or function.key in registry.FUNCTIONS
+            if is_name(function.key) and not taken:
+                registry.FUNCTIONS[function.key] = function
+                keys.add(("function", function.key))
+            else:
+                warnings.append(_taken(package, "function", function.key))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
     return Plugins(tuple(found), tuple(warnings))
+
+
+def _taken(package: str, kind: str, key: str) -> Diagnostic:
+    reason = "msnn or another plug-in has this name, or it is no name"
+    return left_out(package, f"the {kind} `{key}`", reason, f"rename the {kind} in {package}")
 
 
 def _package(point: EntryPoint) -> str:
@@ -139,11 +150,15 @@ def _lines(feature: Feature) -> Iterator[tuple[str, FeatureLines[Any], KeyLine]]
         yield "section", registry.SECTIONS, section
     for target in feature.targets:
         yield "target", registry.TARGETS, target
+    for layer in feature.layers:
+        yield "layer", registry.LAYERS, layer
 
 
 def _import_all(feature: Feature) -> None:
     """Imports the objects of all lines, so that a failure is reported before a spec is read."""
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
+    named += [line.expand for line in feature.functions]
+    named += [each for line in feature.layers for each in (line.entry, line.rule)]
     for each in named:
         assert each.value is not None

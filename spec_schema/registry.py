@@ -12,6 +12,7 @@ from typing import Annotated, Any, Generic, Literal, Optional, Protocol, TypeAli
 from pydantic import Field
 from pydantic.fields import FieldInfo
 
+from spec_schema.expressions.language import Signature
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.late_entry import LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
@@ -69,6 +70,8 @@ class FeatureLines(Generic[FeatureLine]):
         self.of_plugins += (line,)
         for mapping in self._mappings:
             _add_field(mapping, line)
+            # entries that were read before lack the field
+            setattr(mapping, line.key, None)
             mapping.model_rebuild(force=True)
 
     def remove(self, line: FeatureLine) -> None:
@@ -76,6 +79,7 @@ class FeatureLines(Generic[FeatureLine]):
         self.of_plugins = tuple(each for each in self.of_plugins if each is not line)
         for mapping in self._mappings:
             del mapping.__pydantic_fields__[line.key]
+            delattr(mapping, line.key)
             mapping.model_rebuild(force=True)
 
     def is_free(self, key: str) -> bool:
@@ -211,6 +215,39 @@ ARITHMETICS: dict[FixedPoint, ArithmeticLine] = {
 }
 """By the `dtype` of `export: {c: …}` that asks for it."""
 
+
+@dataclass(frozen=True)
+class LayerLine:
+    """A kind of layer that a plug-in brings."""
+
+    key: str
+    entry: LateEntry
+    """The class of its settings."""
+    rule: LateObject
+    """The `compiler.layers.rules.layer_rule.LayerRule` that expands it into core operations."""
+    about: str
+
+
+LAYERS: FeatureLines[LayerLine] = FeatureLines()
+"""The layers of plug-ins; those of msnn are fields of `Layer` and files in `compiler/layers/`."""
+
+
+@dataclass(frozen=True)
+class FunctionLine:
+    """A function of expressions that a plug-in brings."""
+
+    key: str
+    """Its name in expressions; a name that a spec declares comes first."""
+    signature: Signature
+    expand: LateObject
+    """The function `(builder, *arguments) -> node` that makes it of core operations."""
+
+
+FUNCTIONS: dict[str, FunctionLine] = {}
+"""The functions of plug-ins; those of msnn are builtins of the compiler."""
+OWN_FUNCTIONS: set[str] = set()
+"""Names that a function of a plug-in cannot have, filled by the compiler."""
+
 VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
 )
@@ -253,3 +290,7 @@ class Feature:
     """Sections of the spec."""
     targets: tuple[TargetLine, ...] = ()
     """Targets of `msnn export` that write text."""
+    layers: tuple[LayerLine, ...] = ()
+    """Kinds of layers."""
+    functions: tuple[FunctionLine, ...] = ()
+    """Functions of expressions."""

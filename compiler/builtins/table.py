@@ -25,8 +25,10 @@ from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower, lower_all, lower_operands
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names, shapes
+from spec_schema.expressions.language import Signature
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Name
+from spec_schema.registry import FunctionLine
 
 _LONGEST_SHOWN = 60
 """Maximum number of characters of a user's formula that a help line repeats."""
@@ -36,7 +38,27 @@ Lower = Callable[[Context, Call, Environment], NodeId]
 
 def lower_builtin(context: Context, name: str, call: Call, environment: Environment) -> NodeId:
     """The node of a call of a builtin. Reports a wrong number of arguments or unknown keywords."""
-    signature = SIGNATURES[name]
+    _check_arguments(context, name, SIGNATURES[name], call)
+    return LOWERINGS[name](context, call, environment)
+
+
+def lower_plugin_function(
+    context: Context, line: FunctionLine, call: Call, environment: Environment
+) -> NodeId:
+    """The node of a call of a function that a plug-in makes of core operations."""
+    _check_arguments(context, line.key, line.signature, call)
+    context.plugin_functions.add(line.key)
+    if not call.arguments:
+        constant: NodeId = line.expand.value(context.builder(environment))
+        return constant
+    nodes = lower_operands(context, call.arguments, environment)
+    _warn_of_twin_axes(context, line.key, call, nodes, environment)
+    with aligning(context, line.key, call, call.arguments[0], call.arguments[-1]):
+        node: NodeId = line.expand.value(context.builder(environment), *nodes)
+        return node
+
+
+def _check_arguments(context: Context, name: str, signature: Signature, call: Call) -> None:
     for keyword in call.keywords:
         if keyword.name not in signature.keywords:
             context.findings.report(
@@ -49,7 +71,6 @@ def lower_builtin(context: Context, name: str, call: Call, environment: Environm
             names.wrong_argument_count(name, signature.wanted, found, call.function.span)
         )
         raise LoweringFailed
-    return LOWERINGS[name](context, call, environment)
 
 
 def _scalar(name: str) -> Lower:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import field, replace
 from functools import partial
 from typing import TypeVar
@@ -80,7 +80,8 @@ def compile_spec(
         compile_it = partial(compile_linked, strict_units=strict_units, draw=draw)
         compiled = compile_it(linked, spec_hash=spec_hash)
         if known_plugins():
-            plugins = tuple(_used_plugins(spec, used or {}))
+            plugins = {*compiled.program.plugins, *_used_plugins(spec, used or {})}
+            plugins = tuple(sorted(plugins, key=lambda plugin: plugin.package))
             compiled = replace(compiled, program=replace(compiled.program, plugins=plugins))
         return _with_problems(linked, compiled, compile_it)
     except SpecError as error:
@@ -125,6 +126,7 @@ def compile_linked(
         fits=tuple(elaborated.layers.fits.values()),
         dimensions=tuple(Dimension(n, d.size, d.labels) for n, d in spec.dims.items()),
         formulas=formulas_of(spec),
+        plugins=_plugins_of({("function", name) for name in context.plugin_functions}),
         doc=spec.doc or "",
         spec_hash=spec_hash,
     )
@@ -167,8 +169,12 @@ def _used_plugins(spec: Spec, used: Mapping[str, ReadResult]) -> Iterable[UsedPl
     for each in (spec, *all_specs(used)):
         names |= {("section", line.key) for line, _ in each.sections()}
         names |= {("target", name) for name in (() if each.export is None else each.export.asked)}
-    for plugin in plugins_with(names):
-        yield UsedPlugin(plugin.package, plugin.version)
+        names |= {("layer", layer.kind) for layer in each.layers.values()}
+    return _plugins_of(names)
+
+
+def _plugins_of(names: Collection[tuple[str, str]]) -> tuple[UsedPlugin, ...]:
+    return tuple(UsedPlugin(each.package, each.version) for each in plugins_with(names))
 
 
 def in_own_files(

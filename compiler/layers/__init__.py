@@ -7,6 +7,7 @@ from functools import cache
 from importlib import import_module
 
 from compiler.layers.rules.layer_rule import AnyRule
+from spec_schema import registry
 from spec_schema.fields.entry import Entry
 
 LAYERS: Mapping[str, str] = {
@@ -30,6 +31,9 @@ most specs have one kind or none."""
 @cache
 def rule_of(settings: type[Entry]) -> AnyRule:
     """The rule of the layers with settings of this class."""
+    for line in registry.LAYERS:
+        if line.entry.kind is settings:
+            return line.rule.value
     name = LAYERS[settings.__name__]
     rule: AnyRule = getattr(import_module(f"{__name__}.{name}"), name.upper())
     assert rule.settings is settings, name

@@ -102,6 +102,8 @@ class Context:
     """Calls in the step that solve linear equations, by the node of their result."""
     used: set[str] = field(default_factory=set[str])
     """Names that the spec refers to."""
+    plugin_functions: set[str] = field(default_factory=set[str])
+    """Functions of plug-ins that the spec calls."""
     unread: list[FunctionArgument] = field(default_factory=list[FunctionArgument])
     """Arguments that the formula of the called function does not use."""
     measured: dict[str, State] = field(default_factory=dict[str, State])

@@ -152,10 +152,16 @@ class OneOf(Entry):
                 raise RefusedError
         return node
 
+    @property
+    def kind(self) -> str:
+        """The key of the one variant that is given."""
+        names = (name for name in type(self).model_fields if name != "place")
+        return next(name for name in names if getattr(self, name) is not None)
+
     def chosen(self) -> Entry:
         """The given variant."""
-        fields = (getattr(self, name) for name in type(self).model_fields if name != "place")
-        return next(value for value in fields if value is not None)
+        variant: Entry = getattr(self, self.kind)
+        return variant
 
 
 def findings_of(info: ValidationInfo) -> Findings:

@@ -15,8 +15,9 @@ from spec_schema.plugins import SCHEMA_LOCK, look_up
 from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.settings import apply_settings, settings_source
 from spec_schema.sections.exports import Export
+from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.spec import Spec
-from spec_schema.yaml_tree.nodes import Node, Table
+from spec_schema.yaml_tree.nodes import Node, Scalar, Table
 from spec_schema.yaml_tree.reader import read_tree
 
 
@@ -88,17 +89,32 @@ def read_one_spec(
 
 def has_foreign_keys(root: Node, settings: Sequence[str] = ()) -> bool:
     """True if the spec has, or a setting names, a key that plug-ins may bring and msnn lacks."""
-    paths = [setting.partition("=")[0].strip().split(".") for setting in settings]
+    paths = [tuple(setting.partition("=")[0].strip().split(".")) for setting in settings]
     if isinstance(root, Table):
-        paths += [[key] for key in root.entries]
-        export = root.entries.get("export")
-        paths += [["export", key] for key in export.entries] if isinstance(export, Table) else ()
-    sections, targets = Spec.known_keys(), Export.known_keys()
-    return any(
-        _is_foreign(path[0], sections)
-        or (path[0] == "export" and len(path) > 1 and _is_foreign(path[1], targets))
-        for path in paths
-    )
+        paths += [(key,) for key in root.entries]
+        paths += [("export", key) for key in _keys(root.entries.get("export"))]
+        declared = root.entries.get("layers")
+        for layer in declared.entries.values() if isinstance(declared, Table) else ():
+            paths += [("layers", "", key) for key in _keys(layer)]
+    sections, targets, layers = Spec.known_keys(), Export.known_keys(), Layer.known_keys()
+    for path in paths:
+        match path:
+            case ("export", target, *_):
+                foreign = _is_foreign(target, targets)
+            case ("layers", _, layer, *_):
+                foreign = _is_foreign(layer, layers)
+            case _:
+                foreign = _is_foreign(path[0], sections)
+        if foreign:
+            return True
+    return False
+
+
+def _keys(node: Node | None) -> Sequence[str]:
+    """The keys of a mapping; a lone word means the mapping with that key."""
+    if isinstance(node, Table):
+        return tuple(node.entries)
+    return (node.text,) if isinstance(node, Scalar) and isinstance(node.value, str) else ()
 
 
 def _is_foreign(key: str, known: Sequence[str]) -> bool:

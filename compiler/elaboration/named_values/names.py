@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from compiler.builtins.table import lower_builtin
+from compiler.builtins.table import lower_builtin, lower_plugin_function
 from compiler.elaboration.named_values.constants import Constants
 from compiler.elaboration.named_values.entries import Entries
 from compiler.elaboration.named_values.found_before import FoundBefore
@@ -37,6 +37,8 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, submodels
 from spec_schema.expressions.language import LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
 from spec_schema.expressions.tree import Call, LanguageName, Member, Name
+from spec_schema.plugins import look_up
+from spec_schema.registry import FUNCTIONS
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.signals import Equation, Input, Output, Signal, State
@@ -209,6 +211,12 @@ class Elaboration:
             raise LoweringFailed
         declared = self.declared(name, function.span) if is_declared else None
         if declared is None:
+            # in a sub-model the names that msnn does not have are full ones
+            own = name.rpartition(".")[2]
+            if own not in FUNCTIONS:
+                self.context.findings.report(*look_up().warnings)
+            if own in FUNCTIONS:
+                return lower_plugin_function(self.context, FUNCTIONS[own], call, environment)
             self.context.findings.report(unknown_function(self.context, function, environment))
             raise LoweringFailed
         match declared.entry:

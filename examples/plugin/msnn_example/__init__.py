@@ -1,6 +1,15 @@
 """A plug-in of msnn: its record, which the entry point in pyproject.toml names."""
 
-from msnn.extending import Feature, LateEntry, LateObject, SectionLine, TargetLine
+from msnn.extending import (
+    Feature,
+    FunctionLine,
+    LateEntry,
+    LateObject,
+    LayerLine,
+    SectionLine,
+    Signature,
+    TargetLine,
+)
 
 FEATURE = Feature(
     name="example",
@@ -20,6 +29,21 @@ FEATURE = Feature(
             "A data sheet of the model in Markdown.",
             title="data sheet",
             help="a data sheet in Markdown",
+        ),
+    ),
+    functions=(
+        FunctionLine(
+            "lerp",
+            Signature(3, 3, doc="a + share * (b - a), as lerp(a, b, share)."),
+            LateObject("msnn_example.lerp", "lerp"),
+        ),
+    ),
+    layers=(
+        LayerLine(
+            "dead_zone",
+            LateEntry("msnn_example.dead_zone", "DeadZone"),
+            LateObject("msnn_example.dead_zone", "DEAD_ZONE"),
+            "0 within a learned width around 0, and linear outside.",
         ),
     ),
 )

@@ -6,6 +6,7 @@ from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import ExpressionField
 from spec_schema.fields.late_entry import late_entries
 from spec_schema.fields.plain import ManyOf
+from spec_schema.registry import LAYERS, with_keys
 from spec_schema.sections.layers.fuzzy_sets import Fuzzify
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class LocalModel(Entry):
     """The layer of each cell."""
 
 
+@with_keys(LAYERS)
 class Layer(OneOf):
     """A declared layer."""
 
