@@ -89,6 +89,7 @@ def test_editors_and_messages_know_it(tmp_path: Path):
     assert shown is not None
     assert "a + share * (b - a)" in shown.text
     items = complete(*viewed(SPEC.replace("lerp(u", "le|(u"), known=SPEC))
+    assert items is not None
     assert "lerp" in [item.label for item in items.items]
 
 
