@@ -8,12 +8,15 @@ import pytest
 
 from msnn.api.models import load
 from msnn.cli.application import run
+from msnn.features.language_server.completion import complete
+from msnn.features.language_server.hover import hover
 from msnn.model.program_file import write_program_file
 from spec_schema import plugins
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.extending.conftest import Install
 from tests.extending.test_plugins import spec_file
+from tests.features.language_server.marked import viewed
 from tests.language.reference_case import BACKENDS, assert_case, read_case
 
 CASE = Path(__file__).with_name("lerp.yaml")
@@ -74,6 +77,20 @@ def test_a_wrong_call_is_a_message(call: str, message: str, tmp_path: Path):
 def test_its_units_are_checked(tmp_path: Path):
     text = SPEC.replace("{init: 0.5}", "{init: 0.5, unit: m}").replace("3 * u, k", "k, 0.5")
     assert [found.code for found in load(spec_file(tmp_path, text)).warnings] == ["W0504"]
+
+
+@pytest.mark.usefixtures("example")
+def test_editors_and_messages_know_it(tmp_path: Path):
+    with pytest.raises(SpecError) as caught:
+        load(spec_file(tmp_path, SPEC.replace("lerp", "lerq")))
+    (found,) = caught.value.diagnostics
+    assert found.replacement == "lerp"
+    shown = hover(*viewed(SPEC.replace("lerp", "le|rp"), known=SPEC))
+    assert shown is not None
+    assert "a + share * (b - a)" in shown.text
+    items = complete(*viewed(SPEC.replace("lerp(u", "le|(u"), known=SPEC))
+    assert items is not None
+    assert "lerp" in [item.label for item in items.items]
 
 
 @pytest.mark.usefixtures("install")

@@ -12,6 +12,7 @@ from spec_schema.errors import names
 from spec_schema.expressions.language import ELSEWHERE, LOSS_FUNCTIONS, NUMBERS
 from spec_schema.expressions.names_elsewhere import formula_for, written_here
 from spec_schema.expressions.tree import Member, Name
+from spec_schema.registry import FUNCTIONS
 
 _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 
@@ -33,7 +34,7 @@ def unknown_function(context: Context, function: Name, environment: Environment)
     return names.unknown_name(
         name,
         function.span,
-        (*callable, *SIGNATURES, *losses),
+        (*callable, *SIGNATURES, *losses, *FUNCTIONS),
         "a layer or function",
         ELSEWHERE.get(name),
         otherwise=formula_for(name),

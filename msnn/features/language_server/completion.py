@@ -28,6 +28,7 @@ from spec_schema.fields.leaf import Gathering, declarations
 from spec_schema.fields.leaf import members as member_keys
 from spec_schema.fields.plain import Reference, SwitchOrReference
 from spec_schema.fields.quantities import QuantityField, UnitField
+from spec_schema.registry import FUNCTIONS
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
 
 MOST = 200
@@ -228,7 +229,8 @@ def _in_expression(place: SchemaPlace, cursor: Cursor, view: View) -> Iterator[I
                 detail=signature.wanted,
                 about=function_text(name, signature),
             )
-    for name, signature in SIGNATURES.items():
+    of_plugins = {name: line.signature for name, line in FUNCTIONS.items()}
+    for name, signature in (SIGNATURES | of_plugins).items():
         yield Item(
             label=name,
             kind="function",

@@ -12,6 +12,7 @@ from msnn.features.language_server.schema_place import place_of
 from msnn.features.language_server.view import View, Word, span_of
 from spec_schema.editors.key_docs import key_doc
 from spec_schema.expressions.language import LOSS_FUNCTIONS, NUMBERS, Signature
+from spec_schema.registry import FUNCTIONS
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.table import BASE_SYMBOLS
 from spec_schema.units.unit import UnitError
@@ -106,6 +107,8 @@ def _facts(known: Known) -> Iterator[str]:
 
 def _of_language(name: str) -> str | None:
     signature = SIGNATURES.get(name) or LOSS_FUNCTIONS.get(name)
+    if signature is None and name in FUNCTIONS:
+        signature = FUNCTIONS[name].signature
     if signature is not None:
         return function_text(name, signature)
     return f"**{name}**\n\n{_LANGUAGE[name]}" if name in _LANGUAGE else None
