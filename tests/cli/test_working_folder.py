@@ -184,3 +184,22 @@ def test_a_module_of_python_that_is_named_runs_none(tmp_path: Path):
         plant(made, name)
     code, said = run_by(made, sys.executable, "-m", "msnn", "train", SPEC, *_SHORT)
     assert code == ExitCode.OK, said
+
+
+@pytest.mark.parametrize(
+    "command", [[str(MSNN)], [sys.executable, "-m", "msnn"]], ids=["msnn", "-m"]
+)
+def test_a_plugin_of_the_working_folder_is_not_loaded(tmp_path: Path, command: list[str]):
+    metadata = tmp_path / "stranger-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[msnn.features]\nx = stranger:FEATURE\n")
+    (tmp_path / "stranger.py").write_text(f"open({STRANGERS!r}, 'w').close()\n")
+    spec = "msnn: 1\nname: plain\ninputs: {u: {}}\noutputs: {y: 2 * u}\nstranger: 1\n"
+    (tmp_path / SPEC).write_text(spec)
+    # an unknown key is looked for among plug-ins
+    done = subprocess.run(
+        [*command, "check", SPEC], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert "E0201" in done.stderr
+    assert not (tmp_path / STRANGERS).exists()
