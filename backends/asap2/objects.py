@@ -74,7 +74,10 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedModel:
-    """One exported model as a calibration tool sees it."""
+    """The content of an ASAP2 file (A2L) for the C code of one model.
+
+    It describes the parameters, inputs, outputs and states that a calibration tool reads or sets.
+    """
 
     name: str
     prefix: str

@@ -27,7 +27,7 @@ class Platform:
     """The names of binaries for a kind of machine."""
 
     fmi2: str | None
-    """None where FMI 2.0 has no name for it."""
+    """The folder of the binary in FMI 2.0; None if FMI 2.0 has no name for the platform."""
     fmi3: str
     suffix: str
     target: str
@@ -53,10 +53,10 @@ PLATFORMS = {platform.fmi3: platform for platform in _KNOWN}
 
 
 def this_platform() -> Platform | None:
-    """The platform of this machine; None where FMI has no name for it.
+    """The platform of this machine; None if `PLATFORMS` lacks it, or if Python is 32-bit.
 
-    On a machine of an architecture that FMI 2.0 has no name for, its binary takes that of the
-    operating system: importers there look for it under no other.
+    FMI 2.0 has no name for AArch64. There `fmi2` is the name for x86-64 with the same operating
+    system, such as `linux64`: importers on AArch64 look for a binary in that folder.
     """
     system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform)
     machine = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}.get(

@@ -14,7 +14,10 @@ _ALIGNMENT = 64
 
 
 class ProblemStruct(ctypes.Structure):
-    """`struct problem` of templates/native/driver.c."""
+    """The data of a kernel call: series, scored rows, skipped steps.
+
+    `struct problem` of templates/native/driver.c.
+    """
 
     # ctypes uses the platform's ABI: order and widths must agree with the C code
     _fields_ = (
@@ -26,7 +29,10 @@ class ProblemStruct(ctypes.Structure):
 
 
 class VariablesStruct(ctypes.Structure):
-    """`struct variables` of templates/native/variables.c."""
+    """The parameters of an optimiser: raw and physical values, bounds, learning rates, moments.
+
+    `struct variables` of templates/native/variables.c.
+    """
 
     _fields_ = tuple(
         (name, ctypes.c_void_p)
@@ -35,7 +41,10 @@ class VariablesStruct(ctypes.Structure):
 
 
 class KnownStruct(ctypes.Structure):
-    """`struct known` of templates/native/known.c."""
+    """The priors of parameters, and the penalties on their magnitudes and norms.
+
+    `struct known` of templates/native/known.c.
+    """
 
     _fields_ = (
         ("mean", ctypes.c_void_p),
@@ -50,7 +59,10 @@ class KnownStruct(ctypes.Structure):
 
 
 class CurvatureStruct(ctypes.Structure):
-    """`struct curvature` of templates/native/lbfgs.c."""
+    """The memory of L-BFGS: the latest pairs of a step and its change of the gradient.
+
+    `struct curvature` of templates/native/lbfgs.c.
+    """
 
     _fields_ = (
         ("history", ctypes.c_int32),
@@ -67,7 +79,10 @@ class CurvatureStruct(ctypes.Structure):
 
 
 class OptimizerStruct(ctypes.Structure):
-    """`struct optimizer` of templates/native/optimizers.c."""
+    """The method, settings and step counts of an optimiser.
+
+    `struct optimizer` of templates/native/optimizers.c.
+    """
 
     _fields_ = (
         ("method", ctypes.c_int32),
@@ -87,7 +102,10 @@ class OptimizerStruct(ctypes.Structure):
 
 
 class WorkStruct(ctypes.Structure):
-    """`struct work` of templates/native/batches.c."""
+    """The working memory of a call, its threads, and its rank among processes.
+
+    `struct work` of templates/native/batches.c.
+    """
 
     _fields_ = (
         ("memory", ctypes.c_void_p),

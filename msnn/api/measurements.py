@@ -236,7 +236,10 @@ def simulate(
 
 
 def _steps(horizon: object) -> int | None:
-    """The maximum number of steps per run; None for whole recordings."""
+    """The maximum number of steps of each simulated run; None for whole recordings.
+
+    `horizon` is None, "record" or a positive integer; ValueError otherwise.
+    """
     if horizon is None or horizon == "record":
         return None
     if not isinstance(horizon, bool) and isinstance(horizon, Integral) and int(horizon) > 0:

@@ -33,8 +33,9 @@ def target_names(
 ) -> tuple[str, ...]:
     """The targets named on a command line; by default those of the spec, else all suitable ones.
 
-    A target of msnn is suitable if the spec has the required sections: controllers need `mpc` or
-    `estimator` among `sections`. Raises SpecError for an unknown target and for an unsuitable one.
+    The targets of plug-ins are exported only if they are named. `sections` are those of the spec. A
+    target is suitable if it needs no section, or the spec has one that it needs: controllers need
+    `mpc` or `estimator`. Raises SpecError if `names` has an unknown or an unsuitable target.
     """
     known = names_for(names)
     faults = [commands.unknown_target(n, known) for n in names if n not in (*known, "all")]

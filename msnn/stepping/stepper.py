@@ -88,11 +88,11 @@ class Stepper:
         return tuple(bit.name or "" for bit in StatusBit if bit in bits)
 
     def reset(self, **initial: ArrayLike) -> None:
-        """Begins anew: from what the spec says of the first states, or from what is given here.
+        """Restarts the model from the first states of the spec, or from the values given here.
 
-        `initial` are samples around the first step, which the spec's `init` reads, and states. One
-        sample stands for all of a window. A model whose first states come from the log alone wants
-        all of its samples.
+        `initial` are samples around the first step, which the spec's `init` reads, and states. A
+        single sample is repeated over the window. A model whose first states come from the log
+        alone needs all of its samples.
         """
         starts = {field.name: (field, port) for field, port in self._interface.windows}
         supplied = {field.name: field for field, _ in self._interface.supplied}
@@ -181,7 +181,10 @@ class Stepper:
 
 
 def _window(value: ArrayLike, field: Field, port: Port) -> Array:
-    """Samples around the first step; one stands for all."""
+    """The samples of a signal around the first step; a single sample is repeated over the window.
+
+    Raises ValueError for other shapes, and for non-finite values if the signal flags them.
+    """
     array = numbers_of(field.name, value)
     one = tuple(axis.size for axis in port.signal.axes)
     # one sample without the window's axis, which is the last (R3)

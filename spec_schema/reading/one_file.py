@@ -23,18 +23,17 @@ from spec_schema.yaml_tree.reader import read_tree
 
 @dataclass(frozen=True)
 class ReadResult:
-    """A spec, what is to be said about it, and its text for printing later diagnostics.
-
-    `used` are the specs of its sub-models by their names. `part` is the model of a part of another
-    kind, such as a robot: its spec has only dims and the parameters that it learns, and its text is
-    that of its file.
-    """
+    """A spec, or another file that an entry of its `use:` names, such as a robot description."""
 
     spec: Spec
+    """The spec; for another file, its dims and the parameters that it learns."""
     warnings: tuple[Diagnostic, ...]
     source: SourceText
+    """The text of the file, for printing later diagnostics."""
     used: Mapping[str, "ReadResult"] = field(default_factory=dict[str, "ReadResult"])
+    """The sub-models of the spec, by their names in `use:`."""
     part: object | None = None
+    """The content of another file, such as a robot; None for a spec."""
 
     @property
     def sources(self) -> tuple[SourceText, ...]:

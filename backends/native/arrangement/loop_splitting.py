@@ -224,7 +224,12 @@ def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
 def _kept(
     graph: Graph, forward: int, roots: Iterable[NodeId], given: set[NodeId], room: _Room
 ) -> tuple[NodeId, ...]:
-    """Nodes of the forward part that are expensive to recompute, and those in `given`."""
+    """The nodes of the forward graph whose values are stored in rows, not recomputed.
+
+    These are all nodes in `given`, and expensive ones that the reverse nodes or `roots` read. An
+    expensive node is stored only if `room` has memory for it. The forward graph is the first
+    `forward` nodes of `graph`.
+    """
     used = use_counts(graph, roots)
     direct = {
         leaf

@@ -85,10 +85,13 @@ def twin_axes(left: tuple[Axis, ...], right: tuple[Axis, ...]) -> Axis | None:
 def contracted(
     left: tuple[Axis, ...], right: tuple[Axis, ...]
 ) -> tuple[Axis, str, tuple[Axis, ...]]:
-    """For `left @ right`: the summed axis of left, the name of its partner, and the result axes.
+    """For `left @ right`: the summed axes of `left` and `right`, and the axes of the result.
 
-    The last axis of `left` (its window if it has one) matches the axis of `right` with the same
-    name, else its unnamed axis, else its window. Raises AxisConflict if no axis fits, or two.
+    Returns the last axis of `left`, the name of its partner in `right`, and the result. A window is
+    always the last axis; the name of an unnamed axis is empty. The partner has the same name, else
+    it is the unnamed axis or the window of the same length. An unnamed last axis also matches a
+    named axis of its length. Raises AxisConflict if no axis fits, if two fit, or if other axes of
+    one name differ in length.
     """
     if not left or not right:
         raise AxisConflict(left, right, "`@` needs an axis to sum on both sides", "use `*`")

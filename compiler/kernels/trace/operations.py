@@ -35,7 +35,10 @@ def square_root(x: Real) -> Real:
 
 
 def to_unsigned(x: Real, kind: ValueKind = ValueKind.UNSIGNED) -> Unsigned:
-    """The integer part of x, which must be in the range of the integer."""
+    """The integer part of x, as an integer of `kind`: UNSIGNED (32 bits) or WIDE (64 bits).
+
+    The kernel must check that x is in the range of `kind`: the conversion does not check it.
+    """
     return Unsigned(x.tracer, x.tracer.assign(Convert(x.operand), kind))
 
 

@@ -25,20 +25,23 @@ class Windowed(Protocol):
 
 
 def read_values(context: LayerContext, count: int) -> Arguments:
-    """Reads exactly `count` values."""
+    """The nodes of a layer call's arguments; reports an error unless there are exactly `count`.
+
+    Raises LoweringFailed after an error.
+    """
     wanted = f"{count} argument{'s' if count > 1 else ''}"
     _check_count(context, wanted, len(context.call.arguments) == count)
     return tuple(lower_all(context.lowering, context.call.arguments, context.environment))
 
 
 def read_value(context: LayerContext, settings: Entry) -> Arguments:
-    """Reads one value."""
+    """The node of a layer call's only argument, of any shape; ignores the settings of the layer."""
     del settings
     return read_values(context, 1)
 
 
 def read_scalars(context: LayerContext, count: int) -> Arguments:
-    """Reads exactly `count` values without axes other than a window."""
+    """Like `read_values`, for arguments that have no axes except a window."""
     nodes = read_values(context, count)
     for node, argument in zip(nodes, context.call.arguments, strict=True):
         others = context.elements(node)

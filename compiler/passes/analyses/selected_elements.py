@@ -95,8 +95,9 @@ class SelectedElements:
             self._needed[arg][operand] = None
 
     def _operands(self, index: NodeId, selection: Selection) -> list[Selection]:
-        """The selection of each operand that a selection of a node needs; empty for a sum that
-        is 0.
+        """The needed selection of each operand of a node, if `selection` of the node is needed.
+
+        The list is empty for a reduction whose terms are all known to be 0.
         """
         node, graph = self._graph[index], self._graph
         match node.op:

@@ -78,7 +78,10 @@ def undecided(given: Steps, dtype: FloatType) -> Undecided:
 
 
 class _Evaluation:
-    """The graph in one arithmetic."""
+    """Evaluates the graph of `Steps` in float32 or float64, with bounds on rounding errors.
+
+    It finds the steps at which rounding may decide a condition, and the values of every branch.
+    """
 
     def __init__(self, given: Steps, dtype: FloatType) -> None:
         kind = np.dtype(dtype)

@@ -201,7 +201,7 @@ def _require_rows(data: Dataset, held_out: str) -> None:
 
 
 def _unknown(trial: Trial) -> RunLine:
-    """The line of a training before its spec is read."""
+    """The line of `runs.jsonl` for a trial whose spec is not read: `refused`, no key, no hashes."""
     return RunLine(
         key="",
         model=trial.variant.label,
@@ -217,7 +217,7 @@ def _unknown(trial: Trial) -> RunLine:
 
 
 def _completed(line: RunLine, ready: ReadyTrial, setup: Setup) -> RunLine:
-    """The line of a completed training, with its cost and the metrics of training rows.
+    """The line of a completed training in `runs.jsonl`, with its cost and metrics on training rows.
 
     A training by another command may lack both: `train --folds` only evaluates the held-out fold.
     """

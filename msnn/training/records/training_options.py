@@ -81,7 +81,11 @@ def options_for(
 
 
 def in_folder(options: TrainingOptions, folder: Path, *, goes_on: bool = True) -> TrainingOptions:
-    """The same options for `folder`; continues from a checkpoint there, else starts afresh."""
+    """The options of a run in `folder`, which continues from the checkpoint there.
+
+    Without a checkpoint, or if `goes_on` is False, deletes the folder: the run then begins again.
+    Raises SpecError if another process trains in the folder to delete.
+    """
     resume = goes_on and (folder / CHECKPOINT).is_file()
     if folder.exists() and not resume:
         with held(folder):

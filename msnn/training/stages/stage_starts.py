@@ -35,21 +35,24 @@ class StageStarts:
         """The initial states of the training runs."""
 
     def for_training(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
-        """The series with initial states of training runs, estimated at these weights."""
+        """The series with the initial states of training runs, estimated at these weights."""
         self.found = self._find(runs, weights, self._rows.train_rows)
         return self.series()
 
     def for_watching(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
-        """The series with initial states of watched runs, estimated at these weights."""
+        """The series with the initial states of watched runs, estimated at these weights."""
         return self._find(runs, weights, self._rows.watched_rows).series(self._data.rows)
 
     def series(self) -> dict[str, FloatArray]:
-        """The series with the estimates for training."""
+        """The series, by state, with the initial states of the training runs (`found`)."""
         assert self.found is not None, "nothing was found yet"
         return self.found.series(self._data.rows)
 
     def kept(self, runs: Runs, values: Weights) -> dict[str, FloatArray]:
-        """The series with estimates for these runs from before an interruption."""
+        """The series with the initial states `values` of these runs, as estimated before.
+
+        A resumed training passes the initial states of its checkpoint. They replace `found`.
+        """
         none = np.zeros(len(runs), np.bool_)
         over = self._plan.rollout.starts.over if self._plan.rollout.starts is not None else None
         self.found = FoundStarts(

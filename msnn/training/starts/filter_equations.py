@@ -57,7 +57,7 @@ class FilterStructure:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The response of a filter to the input and to the past of each segment."""
+    """The response of a filter to the input and to the unknown samples before each segment."""
 
     gains: FloatArray
     """Coefficients of b₀ … of the input."""
@@ -67,28 +67,32 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class FilterEquations:
-    """The triangular factor of the columns b(u), y and x, after elimination of the pasts.
+    """The least-squares equations y + c x = g b(u) of a filter B/A, for unknown g and c.
 
-    The unknown past of a segment adds free responses of the lattice with unknown coefficients.
-    Orthogonal transformations preserve sums of squares.
+    y is the output; the signals b(u) and x are those of lattices driven by the input u and by y.
+    Unknown samples before a segment of data add free responses of the lattice, which decay. Their
+    coefficients are eliminated by orthogonal transformations, which preserve sums of squares.
     """
 
     structure: FilterStructure
     triangle: FloatArray
+    """The triangular factor (QR) of the columns b(u), y and x."""
     heads: tuple[FloatArray, ...]
-    """The eliminated rows of each segment, with the columns of the past first."""
+    """The eliminated rows of each segment, with the columns of its unknown past first."""
 
     @property
     def signals(self) -> FloatArray:
+        """The columns b(u)."""
         return self.triangle[:, : self.structure.taps]
 
     @property
     def output(self) -> FloatArray:
+        """The column y."""
         return self.triangle[:, self.structure.taps]
 
     @property
     def behind(self) -> FloatArray:
-        """x."""
+        """The columns x."""
         return self.triangle[:, self.structure.taps + 1 :]
 
     def response(self) -> Response:

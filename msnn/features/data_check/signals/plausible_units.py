@@ -11,7 +11,10 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A range of values in a unit that are more plausible in the unit `rather`."""
+    """A rule: values of a signal from `low` to `high` in `unit` are suspicious.
+
+    The values are more plausible in the unit `rather`.
+    """
 
     unit: str
     low: float

@@ -36,10 +36,10 @@ def proved_bounds(
 ) -> dict[str, float]:
     """The largest magnitude of each state s that moves by s⁺ = A s + d with bounded d.
 
-    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|. Where values are clamped to numbers, as equations with a
-    range are, they count as what they are where nothing is clamped; if that gives no bound, as
-    part of d. Raises UnsupportedError where the next value is not linear in these states or Aᵏ
-    does not vanish.
+    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|. Equations with a range are clamped to it; they are
+    first taken without the clamp. If that gives no bound, all values clamped to two numbers are
+    part of d, with any value between them. Raises UnsupportedError if the next value is not linear
+    in these states or Aᵏ does not vanish.
     """
     limited, expected = _limited(program), {entry.node for entry in program.expected}
     within = {node: None for node in limited if program.step[node].args[0] in expected}
@@ -124,7 +124,11 @@ def _proved(
 
 
 class _Symbolic(Lowering):
-    """Keeps what is linear in the symbols as it is, and refuses what is not."""
+    """Lowers a graph to sums that are linear in symbols: the elements of states without a range.
+
+    Such a sum stays exact. Raises UnsupportedError if a sum with symbols is multiplied by another
+    one or rounded. `limited` are clamps: each becomes its operand (None) or any value in its range.
+    """
 
     def __init__(
         self,

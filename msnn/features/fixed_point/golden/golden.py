@@ -17,7 +17,7 @@ _SPECIAL = 0.2
 
 @dataclass(frozen=True, slots=True)
 class IntegerGoldenStart:
-    """Words around the first step by name, and what `reset` returns."""
+    """The integers around the first step, by port, and the status that `reset` returns."""
 
     windows: dict[str, list[int]]
     status: int
@@ -25,7 +25,7 @@ class IntegerGoldenStart:
 
 @dataclass(frozen=True, slots=True)
 class GoldenWords:
-    """Words by name; the inputs and outputs of each step."""
+    """The integers of a run, by port: those of the start, and inputs and outputs of each step."""
 
     start: IntegerGoldenStart
     inputs: list[dict[str, list[int]]]
@@ -138,5 +138,5 @@ def drawn(port: WordPort, random: np.random.Generator) -> list[int]:
 
 
 def flat(run_part: Words) -> list[int]:
-    """All words one after the other, in the order of the names."""
+    """The integers of all ports in one list, in the order of the mapping."""
     return [word for values in run_part.values() for word in values]

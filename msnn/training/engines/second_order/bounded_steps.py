@@ -44,7 +44,7 @@ class StepBox:
 
     @property
     def whole(self) -> StepBox:
-        """The box without limited fractions and added curvature."""
+        """The same bounds, which a step may reach at once; without the added curvature."""
         return replace(self, share=np.ones_like(self.share), added=np.zeros_like(self.added))
 
 

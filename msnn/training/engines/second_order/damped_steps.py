@@ -71,7 +71,10 @@ class DampedModel:
 
     @property
     def undamped(self) -> DampedModel:
-        """The model with its bounds, but without limited fractions and added curvature."""
+        """The model whose steps may go all the way to the bounds.
+
+        It has neither the limits of `StepBox.share` nor the curvature of `StepBox.added`.
+        """
         return self if self.box is None else replace(self, box=self.box.whole)
 
     def lost_corners(self, step: FloatArray) -> float:

@@ -23,7 +23,7 @@ NO_INFLUENCE = 1e-300
 
 
 class QuadraticModel(Protocol):
-    """The quadratic model of the total near the current variables."""
+    """The quadratic model of the total loss F near the current variables."""
 
     @property
     def total(self) -> float:
@@ -41,14 +41,20 @@ class QuadraticModel(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class NormalEquations:
-    """F, its gradient 2g and Hessian 2A in the raw variables, with separate blocks of initial
-    states.
+    """The total loss F of a stage at given raw variables, with half its derivatives: g and A.
+
+    The gradient of F is 2g, its Gauss-Newton Hessian 2A. Raw variables are parameters divided by
+    their scale, or the physical values of bounded parameters.
     """
 
     total: float
+    """F."""
     slope: FloatArray
+    """g in the parameters."""
     curvature: FloatArray
+    """A in the parameters."""
     starts: StartBlocks | None
+    """The blocks of g and A for the initial states of each run; None if they are not variables."""
 
     @property
     def diagonal(self) -> FloatArray:
@@ -144,11 +150,12 @@ def in_raw_variables(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArrowModel:
-    """The quadratic model F + 2gᵀδ + δᵀAδ + P, where A has one block per run and a border.
+    """The quadratic model F + 2gᵀδ + δᵀAδ + P of the total loss F and penalties P.
 
-    Eliminating the initial states leaves the damped model of the parameters. Its curvature is the
-    Schur complement S = A − Σ B(C + μ)⁻¹Bᵀ of the blocks C of the runs (Golub, Pereyra 1973).
-    Initial states have no penalties P. All variables are scaled by 1/√D.
+    A has one block per run, and a border for the parameters. Eliminating the initial states leaves
+    the damped model of the parameters. Its curvature is the Schur complement
+    S = A − Σ B(C + μ)⁻¹Bᵀ of the blocks C of the runs (Golub, Pereyra 1973). Initial states have
+    no penalties P. All variables are scaled by 1/√D.
     """
 
     parameters: DampedModel

@@ -89,8 +89,8 @@ class HeldStarts:
 
     @property
     def robust(self) -> Mapping[str, Sandwich]:
-        """Empty: initial states use sums of squares, for which a robust loss has no standard
-        errors.
+        """Empty: a robust loss has no standard errors if initial states are estimated
+        separately.
         """
         return {}
 

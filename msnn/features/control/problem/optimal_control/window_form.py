@@ -35,7 +35,10 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class WindowForm:
-    """The states that remain, and what of x the others are."""
+    """A plant whose memory x consists of samples of few states s and of the controls u.
+
+    s_{k+1} = f(s_k, s_{k−1}, …, u_k, u_{k−1}, …)
+    """
 
     names: tuple[str, ...]
     """The states of the program that hold some of s, in order."""
@@ -57,7 +60,10 @@ class WindowForm:
 
 
 def window_form(problem: ControlProblem) -> WindowForm:
-    """The window form of a problem's plant."""
+    """The plant with only the newest sample of each window as a state, the others as past samples.
+
+    Windows of a control need no state; other states remain as they are.
+    """
     program = problem.program
     names: list[str] = []
     results: list[str] = []
