@@ -49,9 +49,9 @@ class Signal:
 class Parameter:
     """A learnable array. Initial value (C order), bounds and unit are physical.
 
-    The optimiser works on an unconstrained raw variable. Without bounds physical = scale·raw; a
-    sigmoid maps it between two bounds, a softplus above or below one. All optimisers use this
-    mapping.
+    First-order optimisers work on an unconstrained raw variable. Without bounds physical =
+    scale·raw; a sigmoid maps it between two bounds, a softplus above or below one.
+    Levenberg-Marquardt steps in physical values within the bounds.
     """
 
     name: str
