@@ -33,9 +33,10 @@ def target_names(
 ) -> tuple[str, ...]:
     """The targets named on a command line; by default those of the spec, else all suitable ones.
 
-    The targets of plug-ins are exported only if they are named. `sections` are those of the spec. A
-    target is suitable if it needs no section, or the spec has one that it needs: controllers need
-    `mpc` or `estimator`. Raises SpecError if `names` has an unknown or an unsuitable target.
+    `all` are the targets of msnn, and those of plug-ins that the command line or the spec names.
+    `sections` are those of the spec. A target is suitable if it needs no section, or the spec has
+    one that it needs: controllers need `mpc` or `estimator`. Raises SpecError if `names` has an
+    unknown or an unsuitable target.
     """
     known = names_for(names)
     faults = [commands.unknown_target(n, known) for n in names if n not in (*known, "all")]
@@ -47,6 +48,9 @@ def target_names(
             faults.append(refuse())
     if faults:
         raise SpecError(faults)
+    if "all" in names:
+        others = {*names, *(() if export is None else export.asked)} - {"all"}
+        return (*every, *(n for n in names_for(others) if n in others and n not in NAMES))
     return _asked(names, export) or every
 
 

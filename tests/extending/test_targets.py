@@ -43,6 +43,13 @@ def test_all_targets_are_ours(tmp_path: Path):
     plugins.look_up()
     assert set(target_names(["all"], None, sections=["mpc"])) == set(NAMES)
     assert "datasheet" in target_names(["c", "datasheet"], None)
+    assert target_names(["all", "datasheet"], None, sections=["mpc"]) == (*NAMES, "datasheet")
+
+
+@pytest.mark.usefixtures("example")
+def test_all_targets_are_those_that_the_spec_names_too(tmp_path: Path):
+    export = load(spec_file(tmp_path, SHEET)).spec.export
+    assert target_names(["all"], export, sections=["mpc"]) == (*NAMES, "datasheet")
 
 
 @pytest.mark.usefixtures("example")
