@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from spec_schema import registry
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.errors.plugins import left_out
+from spec_schema.fields.entry import Entry
+from spec_schema.fields.late_entry import LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
 from spec_schema.names import is_name
 from spec_schema.registry import Feature, FeatureLines, KeyLine
@@ -21,6 +23,10 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 GROUP = "msnn.features"
+_ALL = "all"
+"""The word of `msnn export --to` for every target of msnn."""
+_OF_THE_LANGUAGE = LateObject("compiler.ir.scalars.signatures", "OF_THE_LANGUAGE")
+"""Names that a function of a plug-in cannot have; the compiler has them, above this room."""
 
 SCHEMA_LOCK = RLock()
 """Held while the schema of specs changes, and while a spec is validated by it."""
@@ -116,14 +122,14 @@ def _looked_up() -> Plugins:
             continue
         keys: set[tuple[str, str]] = set()
         for kind, lines, line in _lines(feature):
-            if is_name(line.key) and lines.is_free(line.key):
+            if is_name(line.key) and line.key != _ALL and lines.is_free(line.key):
                 lines.add(line)
                 _SEARCH.added.append((lines, line))
                 keys.add((kind, line.key))
             else:
                 warnings.append(_taken(package, kind, line.key))
         for function in feature.functions:
-            taken = function.key in registry.OWN_FUNCTIONS or function.key in registry.FUNCTIONS
+            taken = function.key in (*_OF_THE_LANGUAGE.value, *registry.FUNCTIONS)
             if is_name(function.key) and not taken:
                 registry.FUNCTIONS[function.key] = function
                 keys.add(("function", function.key))
@@ -154,11 +160,35 @@ def _lines(feature: Feature) -> Iterator[tuple[str, FeatureLines[Any], KeyLine]]
         yield "layer", registry.LAYERS, layer
 
 
+_KINDS = {
+    "sections": registry.SectionLine,
+    "targets": registry.TargetLine,
+    "layers": registry.LayerLine,
+    "functions": registry.FunctionLine,
+}
+"""The class of the lines in each field of a record."""
+
+
 def _import_all(feature: Feature) -> None:
-    """Imports the objects of all lines, so that a failure is reported before a spec is read."""
+    """Imports the objects of all lines, so that a failure is reported before a spec is read.
+
+    Raises TypeError for a line of another kind, an entry that is no `Entry`, and a target of
+    another name than its line.
+    """
+    for field, kind in _KINDS.items():
+        lines: object = getattr(feature, field)
+        if not isinstance(lines, tuple) or not all(
+            isinstance(line, kind) for line in cast("tuple[object, ...]", lines)
+        ):
+            raise TypeError(f"`{field}` of its record is no tuple of {kind.__name__}")
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
     named += [line.expand for line in feature.functions]
     named += [each for line in feature.layers for each in (line.entry, line.rule)]
     for each in named:
-        assert each.value is not None
+        is_entry = isinstance(each.value, type) and issubclass(each.value, Entry)
+        if isinstance(each, LateEntry) and not is_entry:
+            raise TypeError(f"`{each.module}:{each.name}` is no class with the base Entry")
+    for line in feature.targets:
+        if line.target.value.name != line.key:
+            raise TypeError(f"the target of the line `{line.key}` has another name")

@@ -245,8 +245,6 @@ class FunctionLine:
 
 FUNCTIONS: dict[str, FunctionLine] = {}
 """The functions of plug-ins; those of msnn are builtins of the compiler."""
-OWN_FUNCTIONS: set[str] = set()
-"""Names that a function of a plug-in cannot have, filled by the compiler."""
 
 VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),

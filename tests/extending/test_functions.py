@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -105,11 +108,22 @@ from msnn.extending import Feature, FunctionLine, LateObject, Signature
 
 FEATURE = Feature(name="stranger", functions=tuple(
     FunctionLine(name, Signature(1, 1), LateObject("stranger", "FEATURE"))
-    for name in ("tanh", "relu", "der", "fine")
+    for name in ("tanh", "relu", "der", "grad", "fine")
 ))
 """
     install("stranger", {"stranger.py": record}, "stranger:FEATURE")
     found = plugins.look_up()
-    assert len(found.warnings) == 3
+    assert len(found.warnings) == 4
     assert "the function `tanh` of the package stranger" in found.warnings[0].message
     assert found.found[0].keys == {("function", "fine")}
+    # nor in a process that has not imported the compiler, such as that of `msnn doctor`
+    program = "from spec_schema.plugins import look_up\nprint(*look_up().found[0].keys)"
+    site = {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, **site},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "('function', 'fine')\n"

@@ -35,6 +35,19 @@ FEATURE = Feature(name="stranger", sections=(
 ))
 """
 
+TARGET = """
+from types import SimpleNamespace
+from msnn.extending import Feature, LateEntry, LateObject, TargetEntry, TargetLine
+
+class Keys(TargetEntry):
+    pass
+
+TARGET = SimpleNamespace(name="{name}")
+FEATURE = Feature(name="stranger", targets=(
+    TargetLine("{key}", LateEntry(__name__, "Keys"), LateObject(__name__, "TARGET"), "", "", ""),
+))
+"""
+
 
 def spec_file(folder: Path, text: str) -> Path:
     file = folder / "m.msnn.yaml"
@@ -151,8 +164,17 @@ def test_a_name_that_is_taken_is_left_out_with_a_warning(
         (RECORD.format(key="fine", module="gone"), "No module named 'gone'"),
         (
             "from msnn.extending import Feature\nFEATURE = Feature(name='a', sections=3)",
-            "TypeError",
+            "`sections` of its record is no tuple of SectionLine",
         ),
+        (
+            RECORD.format(key="fine", module="broken").replace("sections=", "layers="),
+            "`layers` of its record is no tuple of LayerLine",
+        ),
+        (
+            RECORD.format(key="fine", module="broken").replace('"Keys")', '"SECTION")'),
+            "`broken:SECTION` is no class with the base Entry",
+        ),
+        (TARGET.format(key="fine", name="other"), "the target of the line `fine` has another name"),
     ],
 )
 def test_a_plugin_that_fails_is_named_and_left_out(
@@ -169,6 +191,12 @@ def test_a_plugin_that_fails_is_named_and_left_out(
     assert "warning[W0222]: the plug-in `example` of the package broken is left out" in said
     assert reason in said
     assert "Traceback" not in said
+
+
+def test_a_target_cannot_be_called_all(install: Install):
+    install("stranger", {"stranger.py": TARGET.format(key="all", name="all")}, "stranger:FEATURE")
+    (warning,) = plugins.look_up().warnings
+    assert "the target `all` of the package stranger is left out" in warning.message
 
 
 def test_a_program_file_names_the_package_that_is_missing(example: None, tmp_path: Path):

@@ -11,7 +11,6 @@ from spec_schema.expressions.language import (
     TIME_NAMES,
     Signature,
 )
-from spec_schema.registry import OWN_FUNCTIONS
 
 SIGNATURES: dict[str, Signature] = {
     row.name: Signature(row.arity, row.arity, doc=row.doc) for row in SCALAR_FUNCTIONS.values()
@@ -20,5 +19,3 @@ SIGNATURES: dict[str, Signature] = {
 
 OF_THE_LANGUAGE = frozenset({*TIME_NAMES, *NUMBERS, *STATE_FUNCTIONS, *SIGNATURES, *LOSS_FUNCTIONS})
 """Names with a fixed meaning in every spec, unless the spec declares them itself."""
-
-OWN_FUNCTIONS.update(OF_THE_LANGUAGE)

@@ -9,6 +9,8 @@ import pytest
 
 import msnn
 from compiler.ir.program import History, Tape
+from compiler.linking.renaming import Renaming
+from msnn.features.control.keys.mpc import OptimalControl
 from msnn.features.control.problem.optimal_control.horizon import stages_of
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
 from msnn.features.control.problem.optimal_control.trained import trained
@@ -158,3 +160,20 @@ mpc:
     found = msnn.mpc(model).solve({"plant.p": 1.0, "plant.v": 0.0})
     assert found.status == 0
     assert found.excess <= 1e-5
+
+
+def test_full_names_reach_the_keys_of_signals_and_not_those_that_it_declares(tmp_path: Path):
+    section = mpc(references="{r: {}}", bounds="{p: {max: r}, u: {min: -1, max: 1}}", horizon="4")
+    entry = load(tmp_path, DOUBLE_INTEGRATOR + section).spec.of(OptimalControl)
+    assert entry is not None
+    renamed = Renaming("cart.", {"p": "cart.p", "v": "cart.v", "u": "cart.u"}).entry(entry)
+    assert list(renamed.bounds) == ["cart.p", "cart.u"]
+    assert list(renamed.references) == ["r"]
+    assert [control.value for control in renamed.controls] == ["cart.u"]
+
+
+def test_a_warning_about_the_model_is_reported_once(tmp_path: Path):
+    text = DOUBLE_INTEGRATOR.replace("{between: hold}}", "{between: hold}, w: {unit: m}}")
+    text = text.replace("{place: p}", "{place: p, odd: w + 2 s}")
+    model = load(tmp_path, text + mpc())
+    assert [warning.code for warning in model.warnings] == ["W0504"]
