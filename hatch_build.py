@@ -44,7 +44,7 @@ def relocate(root: Path, folder: Path) -> None:
     """Writes all packages of the checkout below `folder / "msnn"`."""
     for package in (STAYS, *MOVED):
         for path in sorted((root / package).rglob("*")):
-            if not path.is_file() or "__pycache__" in path.parts:
+            if not path.is_file() or "__pycache__" in path.parts or path.name == "decisions.md":
                 continue
             inside = path.relative_to(root)
             target = folder / (inside if package == STAYS else STAYS / inside)

@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"\]\(([^)#:\s]+)(#[^)\s]*)?\)")
 _BOOSTS = (
-    ("docs/decisions/*", 0.3),
+    ("*/decisions.md", 0.3),
     ("spec_schema/explanations/*", 0.3),
     ("CHANGELOG.md", 0.3),
     ("docs/tutorial.md", 4),
@@ -38,7 +38,7 @@ def main(site: Path) -> int:
 def gather(pages: Path) -> None:
     """Copies every page of `docs/`, and what pages link to, with links that lead to the copies."""
     shutil.rmtree(pages, ignore_errors=True)
-    ahead = [ROOT / "CHANGELOG.md", ROOT / "docs" / "decisions", *(ROOT / "docs").rglob("*.md")]
+    ahead = [ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")]
     ahead += [*ROOT.glob("examples/*/README.md"), *(ROOT / "docs" / "site").iterdir()]
     done: set[Path] = set()
     while ahead:

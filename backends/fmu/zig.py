@@ -28,7 +28,7 @@ def _zig() -> Path:
 def _without_mingw() -> tuple[str, ...]:
     """Links what Windows brings itself: zig has MinGW's C library as source alone.
 
-    To compile that takes a minute, and units call nothing of it (decisions/0395).
+    To compile that takes a minute, and units call nothing of it (decision 0395).
     """
     headers = zig_libraries() / "include" / "any-windows-any"
     libraries = (f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("heap", "string", "math"))

@@ -26,7 +26,7 @@ from tests.docs.usable import MODES, faults_of
 from tests.features.report_page.browser import chromium
 
 ROOT = Path(__file__).resolve().parents[2]
-_ALIKE = ("decisions/0", "spec_schema/explanations/")
+_ALIKE = ("decisions.", "spec_schema/explanations/")
 _MODES_OF_ALIKE = [(390, False), (1280, True)]
 
 

@@ -56,7 +56,7 @@ def main(checkout: Path) -> None:
         ("files with fewer than 25 lines beside imports", sum(map(_is_small, files))),
         ("rooms (folders with modules)", len({file.parent for file in files})),
         ("folders that predictive control touches", len(set(_of_control(files)))),
-        ("decision records", len(list((checkout / "docs/decisions").rglob("0*.md")))),
+        ("decision records", _decisions(checkout)),
     ]
     for name, command in (
         ("check", ("check", "plant.msnn.yaml")),
@@ -90,6 +90,13 @@ def _of_control(files: list[Path]) -> Iterator[Path]:
             inside = file.parent.parts
             is_feature = "features" in inside
             yield file.parent if not is_feature else Path(*inside[: inside.index("features") + 2])
+
+
+def _decisions(checkout: Path) -> int:
+    """Decisions: files of their own, or headings of the rooms' pages."""
+    pages = (page for package in PACKAGES for page in (checkout / package).rglob("decisions.md"))
+    headings = sum(page.read_text("utf-8").count("\n## 0") for page in pages)
+    return headings + len(list((checkout / "docs/decisions").rglob("0*.md")))
 
 
 def _entered(checkout: Path, command: tuple[str, ...]) -> tuple[int, int]:

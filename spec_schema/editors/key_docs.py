@@ -47,7 +47,7 @@ def key_doc(entry: type[Entry], key: str) -> str:
 def _field_docs(module: str) -> Mapping[str, Mapping[str, str]]:
     """The text below each field of each class of a module.
 
-    Only the source has it, so that a command that reads specs pays nothing for it (decisions/0196).
+    Only the source has it, so that a command that reads specs pays nothing for it (decision 0196).
     """
     classes = ast.parse(inspect.getsource(sys.modules[module])).body
     return {

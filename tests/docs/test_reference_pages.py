@@ -14,6 +14,8 @@ from compiler.ir.ops import Op
 from spec_schema.reading.reader import read_spec
 from tests.docs.action import action_inputs, sample_hooks, sample_workflow
 from tests.docs.commands import exit_codes, verbs
+from tests.docs.decisions import PAGES as DECISIONS
+from tests.docs.decisions import decisions
 from tests.docs.diagnostics import diagnostics
 from tests.docs.front_page import PICTURE, front_c, front_figures, front_picture, front_spec
 from tests.docs.keys import keys
@@ -36,6 +38,7 @@ PAGES = sorted((ROOT / "docs").rglob("*.md"))
 BLOCKS: dict[str, Callable[[], str]] = {
     "builtins": builtins,
     "core operations": core_operations,
+    "decisions": decisions,
     "diagnostics": diagnostics,
     "exit codes": exit_codes,
     "keys": keys,
@@ -75,6 +78,7 @@ def test_every_block_has_its_page():
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",
         *sorted((ROOT / "msnn" / "features").glob("*/README.md")),
+        *DECISIONS,
     ],
     ids=lambda page: f"{page.parent.name}/{page.name}",
 )

@@ -110,7 +110,7 @@ def _read(path: Path, folders: Sequence[Path], texts: dict[Path, str]) -> None:
             _read(header, folders, texts)
 
 
-# see decisions/0364: a model is compiled for golden steps, for both FMI versions and for
+# see decision 0364: a model is compiled for golden steps, for both FMI versions and for
 # comparisons
 @lru_cache(maxsize=256)
 def _object(source: _Source, head: tuple[str, ...], _installed: tuple[int, ...]) -> bytes:

@@ -5,7 +5,7 @@
     (I − h ∂f/∂τ diag(∂τᵢ/∂xᵢ)) Δ = h f(x, τ(x)).
 
 That is the linearly implicit Euler method with a part of the Jacobian, a W-method of order 1
-(Hairer, Wanner: Solving Ordinary Differential Equations II, 1996, IV.7). See decisions/0241.
+(Hairer, Wanner: Solving Ordinary Differential Equations II, 1996, IV.7). See decision 0241.
 """
 
 from __future__ import annotations

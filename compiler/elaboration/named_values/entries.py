@@ -129,7 +129,7 @@ class Entries:
             node = lower(self._context, entry.expr, own)
             builder = self._context.builder(own)
             if name in self._variables:
-                # `2*x` elsewhere is not the variable e = 2*x, see decisions/0195
+                # `2*x` elsewhere is not the variable e = 2*x, see decision 0195
                 node = builder.named(node, name)
             if isinstance(entry, Connected):  # its expression has other names
                 node = fitted_to_input(self._context, builder, node, name, entry, own)

@@ -1,6 +1,6 @@
 """Multiplies factors of derivatives: 0 times any factor is 0, also times infinity.
 
-See decisions/0184.
+See decision 0184.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ NaN, an overflowing conversion and an index out of bounds are alarms. The projec
 are replaced by bounds (`kernel_bounds`).
 
 The proof of one step holds for all steps if the resulting state is within the assumed states; the
-report states this for each state. See decisions/0185.
+report states this for each state. See decision 0185.
 """
 
 from __future__ import annotations

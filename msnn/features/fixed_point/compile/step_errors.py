@@ -1,4 +1,4 @@
-"""Bounds what a step, or a start, in integers adds to the error of each value (decisions/0193)."""
+"""Bounds what a step, or a start, in integers adds to the error of each value (decision 0193)."""
 
 from __future__ import annotations
 

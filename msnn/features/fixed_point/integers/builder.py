@@ -18,8 +18,8 @@ class CannotFitError(Exception):
 class IntegerBuilder:
     """A growing list of nodes; equal ones are shared.
 
-    `errors` has of each node how far it can be from the real value that it stands for, where what
-    it reads is exact (see decisions/0193). A node that stands for several has the largest.
+    `errors` bounds for each node the error against the real value, assuming that its operands are
+    exact (decision 0193). A shared node has the largest of its bounds.
     """
 
     def __init__(self, width: integer.Width) -> None:

@@ -201,7 +201,7 @@ class ExpectedWords:
 
 @dataclass(frozen=True, slots=True)
 class StepError:
-    """The most that one step adds to the error of an output or of a state (decisions/0193).
+    """The most that one step adds to the error of an output or of a state (decision 0193).
 
     From the same words in inputs and states, as real numbers; inf where nothing is proved.
     """
