@@ -93,6 +93,7 @@ class ControllerLibrary:
         return self._state[0]["z"].ravel()[stages[:, None] + at]
 
     def _decided(self, function: str, values: Mapping[str, ArrayLike]) -> Decision:
+        """Fills the input struct, calls the C function and copies the output struct."""
         for name, value in values.items():
             self._in[0][name] = np.asarray(value).reshape(self._in.dtype[name].shape)
         status = self._call(function, self._state, self._in, self._out)

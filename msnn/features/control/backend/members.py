@@ -39,7 +39,7 @@ class Sizes:
     kept: int
     """Intermediate values of a stage that its values function saves for its derivatives."""
     kept_at_end: int
-    """The same for the end of the horizon."""
+    """Intermediate values that the values function of the end of the horizon saves."""
     given: int
     """Disturbances and references of a stage."""
     limits_move: bool

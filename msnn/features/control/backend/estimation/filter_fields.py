@@ -116,5 +116,6 @@ def _pasts(problem: EstimationProblem, estimated: Vector, name: str) -> list[Inp
 
 
 def _comment(name: str, unit: str | None, size: int) -> str:
+    """Returns the comment of a field: name, unit and number of elements."""
     numbers = f", {size} numbers" if size > 1 else ""
     return comment_text(name + (f" [{unit}]" if unit else "") + numbers)

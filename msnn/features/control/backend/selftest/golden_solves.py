@@ -171,6 +171,7 @@ def _starts(
 
 
 def _solved(library: ControllerLibrary, fields: Sequence[SeriesField], start: _Start) -> Decision:
+    """Solves for this input."""
     return library.solve(_values(fields, start))
 
 
@@ -184,6 +185,7 @@ def _values(fields: Sequence[SeriesField], start: _Start) -> dict[str, Array]:
 
 
 def _recorded(call: Call, start: _Start, decision: Decision) -> GoldenSolve:
+    """Records a call with its input and its result."""
     return GoldenSolve(
         call=call,
         x=tuple(start.x.tolist()),

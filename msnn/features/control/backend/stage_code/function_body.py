@@ -20,7 +20,9 @@ from msnn.features.control.backend.stage_code.placed_matrix import PlacedMatrix
 from msnn.features.control.backend.stage_code.series import Place
 
 _UNROLL = 4
+"""Maximum number of elements for which loops are unrolled."""
 _BLOCK = 8
+"""Terms of a long sum per iteration of its loop."""
 _SIDE_BY_SIDE = 4
 """Partial sums of a dot product, which a processor adds in parallel.
 
@@ -119,6 +121,7 @@ class FunctionBody:
                     lowered.store_part(node, part, view)
 
     def _shape(self, node: NodeId) -> tuple[int, ...]:
+        """Returns the shape of the value of a node."""
         return self._graph[node].type.shape
 
     def _write_known(self, placed: PlacedMatrix) -> None:

@@ -61,6 +61,7 @@ class PlacedMatrix:
         yield from self._parts(self._places(block.places(value.shape)), value)
 
     def _parts(self, places: NDArray[np.int64], value: Value) -> Iterator[tuple[Value, ArrayView]]:
+        """Yields parts of a value that has these array indices, one per loop nest."""
         is_here = places >= 0
         if not np.any(is_here):
             return

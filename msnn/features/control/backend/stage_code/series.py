@@ -58,6 +58,7 @@ class Series:
         return self.now[self.form.states + number]
 
     def _number(self, sample: Sample) -> int:
+        """Returns the index of the series of a sample."""
         return sample.number + (self.form.states if sample.is_control else 0)
 
 

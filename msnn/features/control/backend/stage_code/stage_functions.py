@@ -166,18 +166,23 @@ class StageWriter:
     def _values(
         self,
         name: str,
-        found: StepDerivatives,
+        derivatives: StepDerivatives,
         cut: CutGraph,
         lean: tuple[Graph, Mapping[NodeId, NodeId]],
         places: Mapping[str, Place],
         firsts: list[int],
         arrays: StageArrays,
     ) -> Function:
+        """Writes the values function: it stores the results and the intermediate values to save.
+
+        `lean` has the graph of the values and maps nodes of `derivatives.graph` to its nodes.
+        `firsts` has the index of each saved value in the array `kept`.
+        """
         graph, moved = lean
         body = FunctionBody(graph, self._functions, self._formulas, places)
-        lowered = body.lowered([moved[node] for node in (*found.values.values(), *cut.kept)])
-        for member in found.results.members:
-            node = moved[found.values[member.name]]
+        lowered = body.lowered([moved[node] for node in (*derivatives.values.values(), *cut.kept)])
+        for member in derivatives.results.members:
+            node = moved[derivatives.values[member.name]]
             place = part("results", graph[node].type, arrays.results[member.name])
             lowered.store(node, place)
         for node, first in zip(cut.kept, firsts, strict=True):
@@ -188,11 +193,12 @@ class StageWriter:
     def _slopes(
         self,
         name: str,
-        found: StepDerivatives,
+        derivatives: StepDerivatives,
         cut: CutGraph,
         places: Mapping[str, Place],
         arrays: StageArrays,
     ) -> Function:
+        """Writes the derivatives function: it stores entries of the Jacobian and of the Hessian."""
         body = FunctionBody(cut.slopes, self._functions, self._formulas, places)
         matrices = (arrays.slopes, arrays.curvature)
         body.write(matrices, cut.moved)

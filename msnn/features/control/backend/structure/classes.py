@@ -54,15 +54,15 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
     `stages` has the derivatives that decide on the class.
     """
     nx, nu = problem.states.size, problem.controls.size
-    found, end = stages.stage, stages.terminal
-    columns, at_end = (numbers_of(problem, each.variables) for each in (found, end))
+    stage, end = stages.stage, stages.terminal
+    columns, at_end = (numbers_of(problem, each.variables) for each in (stage, end))
     jacobian = np.zeros((stages.size, nx + nu), np.bool_)
-    of_results = [stages.results[m.name] + i for m in found.results.members for i in range(m.size)]
-    jacobian[np.array(of_results, np.int64)[:, None], columns] = _entries(found.jacobian)
-    assert found.hessian is not None
+    of_results = [stages.results[m.name] + i for m in stage.results.members for i in range(m.size)]
+    jacobian[np.array(of_results, np.int64)[:, None], columns] = _entries(stage.jacobian)
+    assert stage.hessian is not None
     assert end.hessian is not None
     curved = np.zeros(nx + nu, np.bool_)
-    curved[columns] = _entries(found.hessian).any(axis=0)
+    curved[columns] = _entries(stage.hessian).any(axis=0)
     curved[at_end] |= _entries(end.hessian).any(axis=0)
     # controls are always in the Hessian: the barriers of their limits add to it
     curved[nx:] = True
@@ -80,7 +80,7 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
     moving = curved.copy()
     # the end of the horizon has other functions, so that its columns differ from those of stages
     moving[at_end] |= _entries(end.jacobian).any(axis=0)
-    moving[columns] |= _moving_columns(problem, found.graph, found.jacobian)
+    moving[columns] |= _moving_columns(problem, stage.graph, stage.jacobian)
     kinds = np.where(curved, 0, np.where(moving, 1, 2))
     kinds[nx:] = 0
     # a stable sort keeps the order within each class

@@ -141,17 +141,17 @@ def _arrays(
     problem: ControlProblem,
     series: Series,
     stages: Stages,
-    found: StepDerivatives,
+    derivatives: StepDerivatives,
     results: Mapping[str, int],
     classes: Classes,
 ) -> StageArrays:
-    """Returns the array layout of the stage, or end of the horizon, with derivatives `found`.
+    """Returns the array layout of the stage, or end of the horizon, with these derivatives.
 
     The array `slopes` has the varying Jacobian columns alone.
     """
-    of_results = [results[m.name] + i for m in found.results.members for i in range(m.size)]
-    at = _positions(problem, found, classes)
-    assert found.hessian is not None
+    of_results = [results[m.name] + i for m in derivatives.results.members for i in range(m.size)]
+    at = _positions(problem, derivatives, classes)
+    assert derivatives.hessian is not None
     curved, moving = classes.curved, classes.moving
     # variables are sorted by class: those in the Hessian first, then those with varying Jacobian
     # columns, then those with constant columns
@@ -163,7 +163,7 @@ def _arrays(
         given=stages.given,
         slopes=PlacedMatrix(
             "slopes",
-            found.jacobian,
+            derivatives.jacobian,
             # the array index of each row: rows have `moving` elements
             np.array(of_results, int) * moving,
             np.where(at < moving, at, NOWHERE),
@@ -172,7 +172,7 @@ def _arrays(
         ),
         curvature=PlacedMatrix(
             "curvature",
-            found.hessian,
+            derivatives.hessian,
             np.where(columns >= 0, columns * curved, NOWHERE),
             columns,
             0,
@@ -183,13 +183,13 @@ def _arrays(
 
 def _steady(problem: ControlProblem, stages: Stages, classes: Classes) -> PlacedMatrix:
     """Returns the layout of the array `steady` of constant Jacobian columns."""
-    found = stages.stage
-    of_results = [stages.results[m.name] + i for m in found.results.members for i in range(m.size)]
-    at = _positions(problem, found, classes)
+    stage = stages.stage
+    of_results = [stages.results[m.name] + i for m in stage.results.members for i in range(m.size)]
+    at = _positions(problem, stage, classes)
     columns = np.where(at >= classes.moving, at - classes.moving, NOWHERE)
     rows = np.array(of_results, int) * classes.plain
     size = stages.size * classes.plain
-    return PlacedMatrix("steady", found.jacobian, rows, columns, 0, size, takes_zeros=False)
+    return PlacedMatrix("steady", stage.jacobian, rows, columns, 0, size, takes_zeros=False)
 
 
 def _steady_numbers(problem: ControlProblem, classes: Classes) -> dict[str, tuple[bool, ...]]:
@@ -201,9 +201,9 @@ def _steady_numbers(problem: ControlProblem, classes: Classes) -> dict[str, tupl
 
 
 def _positions(
-    problem: ControlProblem, found: StepDerivatives, classes: Classes
+    problem: ControlProblem, derivatives: StepDerivatives, classes: Classes
 ) -> NDArray[np.int64]:
     """Returns the position in the order of `classes` of each variable of the derivatives."""
     # argsort of a permutation is its inverse
     position = np.argsort(np.array(classes.order))
-    return position[numbers_of(problem, found.variables)]
+    return position[numbers_of(problem, derivatives.variables)]

@@ -43,18 +43,23 @@ class Addresses:
 
     # the templates of `mpc/` call these; arguments are C expressions
     def of_stage(self, array: str, k: str) -> str:
+        """Returns the C expression of the part of an array that stage k reads."""
         return self.stage.format(array, k)
 
     def of_state(self, i: str) -> str:
+        """Returns the C expression of the index of state i in that part."""
         return self.state.format(i)
 
     def of_memory(self, i: str) -> str:
+        """Returns the C expression of the index of element i of x in that part."""
         return self.memory.format(i)
 
     def of_control(self, i: str) -> str:
+        """Returns the C expression of the index of control i in that part."""
         return self.control.format(i)
 
     def of_measured(self, i: str) -> str:
+        """Returns the C expression of the measured value of state i."""
         return self.measured.format(i)
 
     def of_block(self, k: str) -> str:

@@ -123,6 +123,7 @@ def resting_controls(rows: Rows, count: int) -> list[float]:
 
 
 def _nearest_to_zero(row: Row) -> float:
+    """Returns 0, limited to the range of the row."""
     value = 0.0 if row.minimum is None else max(row.minimum, 0.0)
     return value if row.maximum is None else min(value, row.maximum)
 
@@ -145,6 +146,7 @@ class _Limits:
         )
 
     def _side(self, output: str | None, first_side: int, size: int) -> list[float | None]:
+        """Returns one side of `size` rows, whose limits the program's `output` computes, if any."""
         if output is None:
             return [None] * size
         problem = self._problem

@@ -58,22 +58,26 @@ def staged_form(problem: ControlProblem, rows: Rows) -> Form:
 
 
 def _arrays(
-    problem: ControlProblem, stages: Stages, found: StepDerivatives, results: Mapping[str, int]
+    problem: ControlProblem,
+    stages: Stages,
+    derivatives: StepDerivatives,
+    results: Mapping[str, int],
 ) -> StageArrays:
-    """Returns the array layout of the stage, or end of the horizon, with derivatives `found`.
+    """Returns the array layout of the stage, or end of the horizon, with these derivatives.
 
     `results` maps each result to its first row in the Jacobian.
     """
     width = problem.states.size + problem.controls.size
     # the end of the horizon has only some of these rows
-    of_results = [results[m.name] + i for m in found.results.members for i in range(m.size)]
-    numbers = numbers_of(problem, found.variables)
+    of_results = [results[m.name] + i for m in derivatives.results.members for i in range(m.size)]
+    numbers = numbers_of(problem, derivatives.variables)
     firsts = [(member, member.first) for member in problem.states.members]
     firsts += [(m, problem.states.size + m.first) for m in problem.controls.members]
-    assert found.hessian is not None
+    assert derivatives.hessian is not None
 
     def placed(array: str, rows: Sequence[int] | NDArray[np.int64]) -> PlacedMatrix:
-        matrix = found.jacobian if array == "slopes" else found.hessian
+        """Returns the layout of an array whose matrix rows have these indices."""
+        matrix = derivatives.jacobian if array == "slopes" else derivatives.hessian
         assert matrix is not None
         # the part of the array that is set to 0 before entries are written, unused rows included
         first, last = (min(rows) * width, (max(rows) + 1) * width) if len(rows) else (0, 0)

@@ -24,7 +24,7 @@ class Stages:
     results: Mapping[str, int]
     """The index of the first element of each result in the array `results` of a stage."""
     terminal_results: Mapping[str, int]
-    """The same for the results of the end; the terminal cost has the index of the stage cost."""
+    """The indices of the results at N; the terminal cost has the index of the stage cost."""
     size: int
     """Number of elements of that array: next values of states, the cost, bounded values."""
     given: Vector
