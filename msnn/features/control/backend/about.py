@@ -1,4 +1,4 @@
-"""Describes a generated controller as data: its structs, what its vectors hold, how it solves."""
+"""Writes the JSON description of a generated controller: structs, vectors, solver settings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ def about_text(
     rows: Rows,
     cost_scale: float,
 ) -> str:
-    """The JSON file of a controller."""
+    """Returns the text of the JSON file that describes a controller.
+
+    `struct` lists the members of its state struct, `fields` those of its input struct next to x.
+    `cost_scale` is the factor by which the solver multiplies the cost of the spec.
+    """
     real = dtype
 
     def member(name: str, kind: str, shape: tuple[int, ...]) -> dict[str, Any]:
@@ -43,11 +47,11 @@ def about_text(
             "structure": plan.structure,
             "plan": {"places": list(plan.places), "step": plan.step},
             "iterations": problem.iterations,
-            # after a plan that leads nowhere it takes as many again
+            # a solve that fails from the previous plan starts again, with as many iterations
             "starts_again": problem.starts_again,
             "most_iterations": problem.most_iterations,
             "tolerance": problem.tolerance,
-            # of what it solves: multipliers and adjoints of the struct are so many times as large
+            # the solved cost is this multiple of J; so are multipliers and adjoints in the struct
             "cost_scale": cost_scale,
             "states": quantities(problem.states),
             "controls": quantities(problem.controls),
@@ -69,22 +73,25 @@ def about_text(
 
 
 def _limits(rows: Rows, control: int) -> dict[str, Any]:
-    """The limits of a control, as far as they are numbers, and the place of its value before."""
+    """Returns constant limits of an element of u, and its rate limit if it has one.
+
+    `before` is the index in x of its previous value.
+    """
     row = rows.rows[control]
-    found: dict[str, Any] = {
-        # limits that follow references are no numbers
+    limits: dict[str, Any] = {
+        # limits that depend on references are not constant
         "min": None if rows.move else row.minimum,
         "max": None if rows.move else row.maximum,
         "moves": rows.move,
     }
     for rate in rows.rates:
         if rate.control == control:
-            found |= {"rate": rate.most, "before": rate.before}
-    return found
+            limits |= {"rate": rate.most, "before": rate.before}
+    return limits
 
 
 def quantities(vector: Vector) -> list[dict[str, Any]]:
-    """The quantities of a vector with their places."""
+    """Lists name, first index, size and unit of each quantity of a vector."""
     return [
         {
             "name": m.name,

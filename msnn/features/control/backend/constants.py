@@ -1,4 +1,4 @@
-"""Lists the constants of the interior-point method; decision 0236 says what they are for."""
+"""Lists the numerical constants of the generated interior-point solver (decision 0236)."""
 
 from __future__ import annotations
 
@@ -9,24 +9,26 @@ from msnn.features.control.problem.optimal_control.problem import Mode
 from msnn.features.control.problem.optimal_control.structure import Chosen
 
 _FAR = 1e3
+"""Limit of simulated states, as a multiple of their scales or of their measured start."""
 
 
 def reachable(tolerance: float, dtype: Dtype) -> float:
-    """The tolerance, or in single precision what rounding leaves of it."""
-    # float32 has 1.2e-7 of relative precision, and residuals are differences of sums of many
+    """Returns the tolerance; in float32 at least 1e-3, as rounding limits the residuals."""
+    # float32 has a relative precision of 1.2e-7, and residuals are differences of long sums of
     # products
     return tolerance if dtype == "float64" else max(tolerance, 1e-3)
 
 
 def floor_of_curvature(dtype: Dtype) -> float:
-    """The least curvature of the cost in a number divided by its scale."""
+    """Returns the floor of Hessian eigenvalues, in variables divided by their scales."""
     return 1e-8 if dtype == "float64" else 1e-5
 
 
 def most_factors(largest_scale: float, dtype: Dtype) -> float:
-    """How many numbers of a plan have a finite product; `largest_scale` is that of any of them.
+    """Returns how many values of a plan have a product that is finite in this type.
 
-    A plan is followed as far as FAR by its scales and where it was measured, which may be as far.
+    The largest value is FAR² · `largest_scale`: simulations stop at FAR times the measured start,
+    which itself may be FAR times its scale. `largest_scale` is the maximum of all scales.
     """
     return float(np.log(np.finfo(dtype).max) / np.log(_FAR**2 * largest_scale))
 
@@ -41,9 +43,11 @@ def solver_constants(
     has_hard: bool,
     projects: bool,
 ) -> list[dict[str, str]]:
-    """Name, value as C, and meaning of each that the solver needs."""
-    # ε is the distance of 1 from the next number, so that a rounded number errs by at most half of
-    # it
+    """Returns name, C literal and meaning (a comment in the generated C) of each solver constant.
+
+    `projects` is True for a solver that can project onto limits of controls.
+    """
+    # machine epsilon, the distance of 1 from the next number: rounding errs by at most half of it
     precision = float(np.finfo(dtype).eps)
     exact = dtype == "float64"
     is_staged = structure == "staged"

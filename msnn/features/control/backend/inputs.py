@@ -1,4 +1,4 @@
-"""Says what a controller is given beside the state: fields of its input, and their layout."""
+"""Lays out the input struct of a controller: the fields of disturbances and references."""
 
 from __future__ import annotations
 
@@ -14,41 +14,45 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesField:
-    """A disturbance or a reference: `samples` of `count` numbers, one sample after the other."""
+    """A field of the input struct: `samples` samples of `count` elements each, oldest first.
+
+    It holds one disturbance or reference.
+    """
 
     name: str
     identifier: str
     comment: str
     first: int
-    """Place of its first number among those of a stage."""
+    """Index of its first element among the disturbances and references of a stage."""
     count: int
+    """Elements per sample."""
     window: int
-    """Samples that a stage reads."""
+    """Samples that one stage reads."""
     samples: int
-    """Samples that are given; the last one is held."""
+    """Samples in the field; the last one is held beyond."""
 
     @property
     def size(self) -> int:
-        """Numbers of the field."""
+        """The number of elements of the field."""
         return self.samples * self.count
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The shape of the field in C; () for a number."""
+        """The shape of the field in C; () for a scalar."""
         return () if self.size == 1 else (self.size,)
 
 
 def input_fields(problem: ControlProblem) -> tuple[SeriesField, ...]:
-    """The fields beside x, in the order of the problem."""
+    """Lists the fields of the input struct other than x: disturbances, then references."""
     taken = {"x"}
     first = 0
-    found: list[SeriesField] = []
+    fields: list[SeriesField] = []
     for member, ahead in _members(problem):
         window = Type(member.axes).window or 1
-        # previewed ports hold the samples of all stages, and what windows read beyond
+        # previewed ports have the samples of all stages, and those that windows read beyond
         samples = ahead + window - 1 if member.name in problem.previewed else 1
         count = member.size // window
-        found.append(
+        fields.append(
             SeriesField(
                 name=member.name,
                 identifier=c_identifier(member.name, taken),
@@ -60,11 +64,11 @@ def input_fields(problem: ControlProblem) -> tuple[SeriesField, ...]:
             )
         )
         first += member.size
-    return tuple(found)
+    return tuple(fields)
 
 
 def quantity_lines(vector: Vector, letter: str) -> list[str]:
-    """One line a quantity: where it stands, its unit."""
+    """Returns one comment line per quantity of a vector: its C elements, name and unit."""
     return [
         comment_text(
             f"{letter}[{m.first}]"
@@ -77,12 +81,13 @@ def quantity_lines(vector: Vector, letter: str) -> list[str]:
 
 
 def _members(problem: ControlProblem) -> Iterator[tuple[Member, int]]:
-    """Disturbances are known at t … t+N−1, references at t … t+N."""
+    """Yields each disturbance with N stages (t … t+N−1), each reference with N + 1 (t … t+N)."""
     yield from ((member, problem.horizon) for member in problem.disturbances.members)
     yield from ((member, problem.horizon + 1) for member in problem.references.members)
 
 
 def _comment(member: Member, count: int, samples: int) -> str:
+    """Returns the comment of a field: name, unit, samples and elements."""
     unit = f" [{member.unit.text}]" if member.unit is not None else ""
     known = f", samples t ... t+{samples - 1}" if samples > 1 else ", held"
     each = f", {count} numbers each" if count > 1 else ""

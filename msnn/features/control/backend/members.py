@@ -1,4 +1,4 @@
-"""Lists the members of a controller's struct, for its header and for who reads it from outside."""
+"""Lists the members of the C struct that holds the state of a generated controller."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Kind = Literal["real", "int32", "uint32", "uint8"]
 
 @dataclass(frozen=True, slots=True)
 class StructMember:
-    """A number or an array."""
+    """A scalar or an array of a C struct; `real` is the C floating-point type."""
 
     name: str
     kind: Kind
@@ -20,7 +20,7 @@ class StructMember:
 
     @property
     def c_type(self) -> str:
-        """Its type in C."""
+        """The C type of its elements."""
         return self.real if self.kind == "real" else f"{self.kind}_t"
 
 
@@ -30,27 +30,36 @@ class Sizes:
 
     horizon: int
     memory: int
-    """Numbers of x."""
+    """Elements of x."""
     controls: int
     results: int
+    """Result elements of a stage: next values, the cost, bounded values."""
     sides: int
+    """Minima and maxima of all rows of a stage."""
     kept: int
+    """Intermediate values of a stage that its values function saves for its derivatives."""
     kept_at_end: int
-    """Numbers that the values at the end of the horizon leave for its slopes."""
+    """Intermediate values that the values function of the end of the horizon saves."""
     given: int
+    """Disturbances and references of a stage."""
     limits_move: bool
+    """True if limits depend on references."""
     has_hard: bool
+    """True if a path limit is hard."""
     past_moves: bool
-    """Whether steps tell samples of the past apart."""
+    """True if the struct needs a flag for steps that change past samples (condensed)."""
 
 
 def members(sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str) -> list[StructMember]:
-    """In the order of the struct; `shapes` are those of the arrays that hang on the structure."""
+    """Lists the members in the order of the struct.
+
+    `shapes` has the arrays that depend on the structure of the solver (`Form.shapes`).
+    """
     stages = sizes.horizon + 1
-    found: list[StructMember] = []
+    struct: list[StructMember] = []
 
     def add(kind: Kind, shape: tuple[int, ...], *names: str) -> None:
-        found.extend(StructMember(name, kind, shape, real) for name in names)
+        struct.extend(StructMember(name, kind, shape, real) for name in names)
 
     add("uint32", (), "ready")
     add("int32", (), "has_plan", "is_shifted", "is_prepared", "is_pending")
@@ -77,4 +86,4 @@ def members(sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str) -> l
     add("uint8", (stages, sizes.sides), "live")
     add("uint8", (stages, sizes.controls), "room")
     add("uint8", (stages,), "is_new")
-    return found
+    return struct

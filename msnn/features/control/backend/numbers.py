@@ -1,4 +1,4 @@
-"""Spells numbers and lists of them in C, of the controller's type."""
+"""Formats C literals, initialisers and comments for one floating-point type."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from compiler.kernels.tables.formats import RealName
 
 @dataclass(frozen=True, slots=True)
 class TypedLiterals:
-    """Literals of one type."""
+    """Formatter of C literals of one floating-point type."""
 
     dtype: Dtype
 
     @property
     def real(self) -> RealName:
-        """The type in C."""
+        """The name of the type in C."""
         return "float" if self.dtype == "float32" else "double"
 
     def literal(self, value: float) -> str:
-        """A literal that reads back as the value rounded to the type."""
+        """Returns a C literal that reads back as the value rounded to the type."""
         return real_literal(float(value), self.dtype)
 
     def braced(self, values: Iterable[float]) -> str:
-        """The elements of an array: integers as they are, others as literals."""
+        """Returns the initialiser of a C array; ints become integer literals."""
         texts = (str(x) if isinstance(x, int) else self.literal(x) for x in values)
         return "{" + ", ".join(texts) + "}"
 
     def comment(self, text: str) -> str:
-        """A comment of one or more lines."""
+        """Returns a C comment, wrapped to lines."""
         return comment(text)

@@ -1,4 +1,4 @@
-"""Reads plan and multipliers of a controller's last solve, for the judge of optimality."""
+"""Reads plan and multipliers of a controller's last solve, to check the KKT conditions."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 
 def plan_of(problem: ControlProblem, library: ControllerLibrary) -> Plan:
-    """The plan of the last solve."""
+    """Returns the states (N+1, nx) and controls (N, nu) of the last solve."""
     nx, n = problem.states.size, problem.horizon
     z = library.plan().astype(np.float64)
     return Plan(z[:, :nx], z[:n, nx:])
 
 
 def multipliers_of(problem: ControlProblem, rows: Rows, library: ControllerLibrary) -> Multipliers:
-    """The multipliers of its limits."""
+    """Returns the multipliers of all limits at the last solve, for the cost of the spec."""
     n, nu = problem.horizon, problem.controls.size
     live = library.member("live") != 0
-    live[:, : 2 * nu] |= np.repeat(library.member("room") == 0, 2, axis=1)  # held by both limits
+    # a control with no room between its limits is held by both
+    live[:, : 2 * nu] |= np.repeat(library.member("room") == 0, 2, axis=1)
     sides = np.where(live, library.member("multiplier").astype(np.float64), 0.0)
-    # those of the cost as the spec has it
+    # the solver scales the cost, and the multipliers with it
     sides = sides / library.cost_scale
-    # sides alternate: low, high
+    # sides alternate: minimum, maximum
     low, high = sides[:, 0::2], sides[:, 1::2]
     rate_low, rate_high = np.zeros((n, nu)), np.zeros((n, nu))
     for number, rate in enumerate(rows.rates):

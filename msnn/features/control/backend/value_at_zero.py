@@ -1,4 +1,4 @@
-"""Rewrites the values of a stage for numbers that are 0, so that sums go without them.
+"""Simplifies the graph of a stage's values for state elements that are 0: sums omit them.
 
 before:  y = Σ w · [u₋₂₉ … u₀]        after, with u₋₂₉ … u₋₁ = 0:  y = w₂₉ u₀
 """
@@ -17,16 +17,16 @@ from compiler.jacobian.drop_zero_terms import known_number, without_zeros
 from compiler.passes.simplify.fold_constants import folded
 
 Zeros = Mapping[str, tuple[bool, ...]]
-"""Of each state, which of its numbers are 0."""
+"""For each state, by name, a mask of its elements that are 0, in C order."""
 
 
 def values_at_zero(
     graph: Graph, roots: Sequence[NodeId], fixed: Sequence[NodeId], zeros: Zeros
 ) -> tuple[Graph, dict[NodeId, NodeId]] | None:
-    """The graph of the `roots` where these numbers are 0, and where each root is in it.
+    """Returns the graph of the `roots` with the elements in `zeros` set to 0, and each root's node.
 
-    None where that would not spare the sums over them, where one of the `fixed`, which are to keep
-    their values, depends on them, or where rows of a state differ in which of their numbers are 0.
+    Returns None in three cases. The sums over these elements would remain; one of the `fixed`
+    nodes, whose values must not change, depends on them; rows of a state differ in their zeros.
     """
     if _depends(graph, fixed, zeros) or not _alike_in_rows(graph, zeros):
         return None
@@ -37,27 +37,29 @@ def values_at_zero(
         with builder.at(node.span):
             copies[index] = _copy(builder, replace(node, args=args), zeros)
     lean = GraphBuilder()
-    wanted = {root: copies[root] for root in roots}
-    moved = without_zeros(builder.graph(), list(wanted.values()), lean)
-    # a concatenation of numbers and zeros is left: the sums over it would be as long as before
+    copied_roots = {root: copies[root] for root in roots}
+    moved = without_zeros(builder.graph(), list(copied_roots.values()), lean)
+    # a concatenation with zeros remains: sums over it would be as long as before
     if any(_is_partly_zero(lean, node) for _, node in lean.graph()):
         return None
-    found, places = folded(lean.graph())
-    return found, {root: places[moved[copy]] for root, copy in wanted.items()}
+    simplified, places = folded(lean.graph())
+    return simplified, {root: places[moved[copy]] for root, copy in copied_roots.items()}
 
 
 def _depends(graph: Graph, nodes: Sequence[NodeId], zeros: Zeros) -> bool:
-    moved: set[NodeId] = set()
+    """Returns True if any of the nodes depends on a state with elements set to 0."""
+    dependent: set[NodeId] = set()
     for index, node in graph:
         is_leaf = isinstance(node.op, ops.ReadState) and any(zeros.get(node.op.name, ()))
-        if is_leaf or any(arg in moved for arg in node.args):
-            moved.add(index)
-    return any(node in moved for node in nodes)
+        if is_leaf or any(arg in dependent for arg in node.args):
+            dependent.add(index)
+    return any(node in dependent for node in nodes)
 
 
 def _alike_in_rows(graph: Graph, zeros: Zeros) -> bool:
+    """Returns True if each state has the same mask of zeros in all its rows (last axis)."""
     reads = ((node.op.name, node.type) for _, node in graph if isinstance(node.op, ops.ReadState))
-    # runs of zeros are cut along the last axis, through all rows
+    # `_read` slices along the last axis, through all rows
     return all(
         zeros[name] == zeros[name][: type.shape[-1]] * (type.size // type.shape[-1])
         for name, type in reads
@@ -66,6 +68,7 @@ def _alike_in_rows(graph: Graph, zeros: Zeros) -> bool:
 
 
 def _copy(builder: GraphBuilder, node: Node, zeros: Zeros) -> NodeId:
+    """Copies a node whose operands are already copied; reads become partly 0, sums shorter."""
     match node.op:
         case ops.ReadState(name) if any(zeros.get(name, ())):
             return _read(builder, node, zeros[name])
@@ -79,16 +82,17 @@ def _copy(builder: GraphBuilder, node: Node, zeros: Zeros) -> NodeId:
 
 
 def _zeros(builder: GraphBuilder, type: Type) -> NodeId:
+    """Adds an array of zeros of this type."""
     return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
 
 
 def _read(builder: GraphBuilder, node: Node, are_zero: tuple[bool, ...]) -> NodeId:
-    """Runs of zeros and of what is read, along the last axis."""
+    """Adds the read of a state as a concatenation, along the last axis, of slices and zeros."""
     if all(are_zero):
         return _zeros(builder, node.type)
     read = copy_node(builder, node, ())
     axis = node.type.axes[-1]
-    # a run ends where zeros begin or end
+    # indices at which zeros begin or end
     edges = [at for at in range(1, axis.size) if are_zero[at] != are_zero[at - 1]]
     parts: list[NodeId] = []
     for start, stop in zip([0, *edges], [*edges, axis.size], strict=True):
@@ -98,15 +102,19 @@ def _read(builder: GraphBuilder, node: Node, are_zero: tuple[bool, ...]) -> Node
 
 
 def _parts(builder: GraphBuilder, value: NodeId, axis: str) -> tuple[NodeId, ...]:
+    """Returns the operands of a concatenation along this axis, otherwise the value alone."""
     node = builder.node(value)
     return node.args if node.op == ops.Concat(axis) else (value,)
 
 
 def _summed(builder: GraphBuilder, node: Node, axis: str) -> NodeId:
-    """A sum over the parts of its first concatenation that are not 0."""
+    """Adds a sum or contraction without the parts that are 0.
+
+    It splits the first operand that is a concatenation with zeros into one term per other part.
+    """
     all_parts = [_parts(builder, arg, axis) for arg in node.args]
     zeros = [[known_number(builder, part) == 0.0 for part in parts] for parts in all_parts]
-    # one operand with zeros is enough: a product with 0 is 0 whatever the other one is
+    # zeros in one operand suffice: their products are 0
     number = next((at for at, known in enumerate(zeros) if any(known)), None)
     if number is None:
         return copy_node(builder, node, node.args)
@@ -127,6 +135,7 @@ def _summed(builder: GraphBuilder, node: Node, axis: str) -> NodeId:
 
 
 def _is_partly_zero(builder: GraphBuilder, node: Node) -> bool:
+    """Returns True for a concatenation with an operand that is 0."""
     return isinstance(node.op, ops.Concat) and any(
         known_number(builder, arg) == 0.0 for arg in node.args
     )

@@ -1,4 +1,4 @@
-"""Writes the files of a predictive controller: header, source, math, self-test."""
+"""Writes the C files of a model predictive controller: header, source, kernels, self-test."""
 
 from __future__ import annotations
 
@@ -44,7 +44,10 @@ from msnn.features.control.problem.optimal_control.structure import chosen_struc
 from msnn.features.control.problem.optimal_control.trained import trained
 
 MOST_SIMULATIONS = 3
-"""Of a solve: each costs what the values of an iteration cost."""
+"""Maximum number of restarts per solve at a newly simulated plan.
+
+Each costs as much as the values of one iteration.
+"""
 
 
 def write_controller(
@@ -55,7 +58,11 @@ def write_controller(
     prefix: str,
     dtype: Dtype,
 ) -> tuple[Path, ...]:
-    """Writes `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c`; returns their paths."""
+    """Writes header, sources and description of a controller into a folder.
+
+    The files are `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c` and `<prefix>_mpc.json`.
+    `weights` has the value of each parameter by name. Returns the paths written.
+    """
     known = trained(problem, weights)
     texts = controller_texts(known, prefix, dtype)
     texts = with_identity(texts | selftest_texts(known, prefix, dtype, texts))
@@ -63,7 +70,10 @@ def write_controller(
 
 
 def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict[str, str]:
-    """Texts by path, of a problem without parameters; without the self-test."""
+    """Returns the text of each file, by relative path, without the self-test.
+
+    The problem must have no parameters.
+    """
     return solver_texts(problem, f"{prefix}_mpc", dtype, "Predictive controller", _about(problem))
 
 
@@ -76,8 +86,12 @@ def solver_texts(
     *,
     is_window: bool = False,
 ) -> dict[str, str]:
-    """Texts by path of the solver of a problem, under this name; that of a window solves alone."""
-    # a tolerance that the type cannot resolve would cap every solve
+    """Returns the text of each file of the solver of a problem, by relative path.
+
+    `name` is the prefix of files and functions. With `is_window`, the solver of a moving-horizon
+    estimator, the files have only init, reset and solve, no feedback and no self-test.
+    """
+    # with a tolerance below the type's precision every solve would end at the iteration limit
     cost_scale = problem.cost_scale
     problem = with_scaled_cost(replace(problem, tolerance=reachable(problem.tolerance, dtype)))
     controller = GeneratedNames(problem.program.name, name)
@@ -94,10 +108,10 @@ def solver_texts(
     stage, terminal, functions = _functions(problem, rows, table, numbers.real, made, factors)
     given = made.stages.given.size
     results = made.stages.size
-    # lowest and highest of each row in turn, which is what numbers sides 2 r and 2 r + 1
+    # row r has its minimum at index 2 r and its maximum at 2 r + 1
     sides = [limit for row in rows.rows for limit in (row.minimum, row.maximum)]
     hard = [int(row.hard) for row in rows.rows]
-    # a limit of a rate is one of two controls
+    # a limit of a rate depends on two controls: projection handles single controls only
     projects = structure == "condensed" and not rows.rates
     sizes = Sizes(
         horizon=problem.horizon,
@@ -113,10 +127,10 @@ def solver_texts(
         past_moves=structure == "condensed",
     )
     struct = members(sizes, made.shapes, numbers.real)
-    # the numbers that a stage reads, in its order, are those of x and then those of u
+    # indices in (x, u) of the variables of a stage, in the order of the form
     read_numbers: list[int] = made.facts["read_numbers"]
     of_stage = [[*scales, *of_rows[:nu]][at] for at in read_numbers]
-    # C has no empty arrays: a model without states has one number that nothing reads
+    # C has no empty arrays: without states the array has one unused element
     of_states = [scales[at] for at in made.newest] or [1.0]
     least_curvature = floor_of_curvature(dtype)
     nothing = f"(const {numbers.real} *)0"
@@ -147,7 +161,7 @@ def solver_texts(
         "controls": nu,
         "stage": nx + nu,
         "results": results,
-        # results are next values, the cost, then bounded values: those behind the cost
+        # results are next values, the cost, then bounded values
         "paths": results - made.stages.results[problem.stage] - 1,
         "terminal_paths": rows.terminal,
         "sides": 2 * len(rows.rows),
@@ -161,8 +175,8 @@ def solver_texts(
             for r in rows.rates
         ],
         "kept": max(stage.kept, terminal.kept),
-        # where the end of the horizon keeps nothing, its function is given an array that it does
-        # not read
+        # without saved values at the end of the horizon, its function gets an array it does not
+        # read
         "last_kept": f"c->kept[{'k' if terminal.kept else 0}]",
         "given_of_stage": "c->given[k]" if given else nothing,
         "given_of_all": "c->given[0]" if given else nothing,
@@ -229,7 +243,10 @@ def _functions(
     made: Form,
     factors: float,
 ) -> tuple[StageFunctions, StageFunctions, list[Function]]:
-    """The stage, the end of the horizon, and all functions in the order of the text."""
+    """Writes the C functions of a problem.
+
+    Returns those of a stage, those of the end of the horizon, and all in the order of the source.
+    """
     writer = StageWriter(table, problem.program.formulas, real, factors)
     stage = writer.stage("", made.stages.stage, made.stage)
     terminal = writer.stage("terminal_", made.stages.terminal, made.terminal)
@@ -246,6 +263,7 @@ def _functions(
 
 
 def _about(problem: ControlProblem) -> str:
+    """Returns the comment at the top of the header."""
     structure = chosen_structure(problem)
     how = "in the controls alone" if structure == "condensed" else "stage by stage"
     return (

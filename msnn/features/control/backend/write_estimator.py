@@ -1,4 +1,4 @@
-"""Writes the files of an estimator: a Kalman filter, or moving-horizon estimation."""
+"""Writes the C files of a state estimator: extended Kalman filter or moving-horizon estimator."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ def write_estimator(
     prefix: str,
     dtype: Dtype,
 ) -> tuple[Path, ...]:
-    """Writes `include/<prefix>_ekf.h`, `src/<prefix>_ekf*.c`; returns their paths.
+    """Writes header, sources and description of an estimator into a folder; returns their paths.
 
-    Of a problem with a window they are named `<prefix>_mhe*`.
+    An extended Kalman filter has `include/<prefix>_ekf.h` and `src/<prefix>_ekf*.c`. Files of a
+    moving-horizon estimator, a problem with a window, are named `<prefix>_mhe*`.
     """
     texts = filter_texts if problem.window is None else horizon_texts
     written = texts(problem, weights, prefix, dtype).items()

@@ -1,4 +1,4 @@
-"""Writes Kalman filters as self-contained C."""
+"""Writes extended Kalman filters as self-contained C."""
 
 from msnn.features.control.backend.estimation.write_filter import filter_texts
 

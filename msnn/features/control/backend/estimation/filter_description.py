@@ -1,4 +1,4 @@
-"""Describes a generated filter as data: its structs and what its vectors hold."""
+"""Writes the JSON description of a generated Kalman filter: its structs and vectors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ def filter_description(
     given: tuple[FilterField, ...],
     measured: tuple[FilterField, ...],
 ) -> str:
-    """The JSON file of a filter."""
+    """Returns the text of the JSON file that describes a filter.
+
+    `struct` has the members of its state struct; `given` and `measured` are the fields of the
+    structs that `predict` and `correct` read. `states` counts the elements of x without parameters.
+    """
 
     def fields(known: tuple[FilterField, ...]) -> list[dict[str, Any]]:
         return [

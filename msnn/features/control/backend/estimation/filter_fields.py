@@ -1,4 +1,4 @@
-"""Lays out what a filter is given: fields of its inputs and measurements."""
+"""Lays out the input structs of a generated Kalman filter: fields of inputs and measurements."""
 
 from __future__ import annotations
 
@@ -15,35 +15,39 @@ from msnn.features.control.problem.state_estimation.problem import EstimationPro
 
 @dataclass(frozen=True, slots=True)
 class InputRegister:
-    """A register of past samples that begins with the first sample of its input."""
+    """A shift register of past samples of an input, part of the estimated state.
+
+    The first sample of the input fills it, if nothing else initialises it.
+    """
 
     first: int
-    """Place of its first number in the estimate."""
+    """Index of its first element in the estimate."""
     count: int
-    """Numbers of a sample."""
+    """Elements per sample."""
     length: int
-    """Samples that it keeps."""
+    """Number of past samples."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterField:
-    """A signal in a struct of the filter."""
+    """A field of an input struct of the filter: one input or one measurement."""
 
     name: str
     identifier: str
     comment: str
     first: int
-    """Place of its first number among all of its kind."""
+    """Index of its first element among all inputs, or among all measurements."""
     size: int
     window: int = 1
-    """Samples that are given, from the newest on; those of a number follow each other."""
+    """Samples per element, the current one first; samples of an element are contiguous."""
     pasts: tuple[InputRegister, ...] = ()
+    """The shift registers that the first sample of this input fills."""
     variance: float = 0.0
-    """Of a number of a measurement."""
+    """Variance of the noise of each measured element; 0 for inputs."""
 
 
 def input_fields(problem: EstimationProblem, estimated: Vector) -> tuple[FilterField, ...]:
-    """The inputs of the model."""
+    """Lists the fields of the struct that `predict` reads: all inputs of the model."""
     taken: set[str] = set()
     return tuple(
         FilterField(
@@ -62,29 +66,30 @@ def input_fields(problem: EstimationProblem, estimated: Vector) -> tuple[FilterF
 def measured_fields(
     problem: EstimationProblem, given: Collection[FilterField], smallest: float
 ) -> tuple[tuple[FilterField, ...], tuple[FilterField, ...]]:
-    """The measurements, and the given inputs that stand beside them in one struct.
+    """Returns the fields of the struct that `correct` reads: measurements, then inputs.
 
-    Variances are `smallest` at least, so that none is 0 in the filter's type.
+    `given` are the inputs that measured outputs read. Variances are at least `smallest`, the
+    smallest normal number of the filter's type.
     """
     taken: set[str] = set()
     first = 0
-    found: list[FilterField] = []
+    fields: list[FilterField] = []
     for measurement in problem.measured:
         node = problem.program.step[problem.program.output(measurement.value).node]
         unit = node.type.unit
-        found.append(
+        fields.append(
             FilterField(
                 name=measurement.signal,
                 identifier=c_identifier(measurement.signal, taken),
                 comment=_comment(measurement.signal, unit and unit.text, node.type.size),
                 first=first,
                 size=node.type.size,
-                # a variance below the smallest number would be 0, and divide by it
+                # a variance that rounds to 0 could lead to a division by 0
                 variance=max(measurement.std**2, smallest),
             )
         )
         first += node.type.size
-    beside = [
+    inputs = [
         FilterField(
             name=field.name,
             identifier=c_identifier(field.name, taken),
@@ -96,19 +101,21 @@ def measured_fields(
         )
         for field in given
     ]
-    return tuple(found), tuple(beside)
+    return tuple(fields), tuple(inputs)
 
 
 def _pasts(problem: EstimationProblem, estimated: Vector, name: str) -> list[InputRegister]:
-    found: list[InputRegister] = []
+    """Lists the shift registers of past samples of the input `name`."""
+    registers: list[InputRegister] = []
     for register, origin in problem.registers.items():
         if isinstance(origin, History) and origin.source == name:
             member = estimated.member(register)
             length = member.axes[-1].size
-            found.append(InputRegister(member.first, member.size // length, length))
-    return found
+            registers.append(InputRegister(member.first, member.size // length, length))
+    return registers
 
 
 def _comment(name: str, unit: str | None, size: int) -> str:
+    """Returns the comment of a field: name, unit and number of elements."""
     numbers = f", {size} numbers" if size > 1 else ""
     return comment_text(name + (f" [{unit}]" if unit else "") + numbers)

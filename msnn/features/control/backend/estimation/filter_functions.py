@@ -1,4 +1,4 @@
-"""Writes the functions of a filter in C: the step of the model and what is measured, with slopes.
+"""Writes the C functions of a Kalman filter: model step and measurements, with their Jacobians.
 
 <prefix>_transition(z, given, results, slopes)      F(ξ, u) and ∂F/∂ξ
 <prefix>_measured_<i>(z, given, results, slopes)    h(ξ, u) and ∂h/∂ξ of measurement i
@@ -24,7 +24,7 @@ from msnn.features.control.problem.state_estimation.problem import EstimationPro
 
 @dataclass(frozen=True, slots=True)
 class FilterFunctions:
-    """The functions, and which inputs those of measurements read."""
+    """The C functions of a filter; `read` names the inputs that measured outputs depend on."""
 
     transition: Function
     measured: tuple[Function, ...]
@@ -38,18 +38,18 @@ class FilterFunctions:
 def filter_functions(
     problem: EstimationProblem, program: Program, numbers: Vector, table: FunctionTable, real: str
 ) -> FilterFunctions:
-    """Writes the functions of a program without parameters; its states ξ lie as in `numbers`."""
-    # the transition needs no outputs: they would keep nodes that it does not compute
-    columns = _slopes(replace(program, outputs=()))
-    found = [
-        # no curvature: an extended filter takes first derivatives only
+    """Writes the functions of a program without parameters; its states ξ have layout `numbers`."""
+    # without outputs, the graph has no nodes that only they need
+    transition = _slopes(replace(program, outputs=()))
+    measured = [
+        # no Hessian: an extended Kalman filter uses first derivatives only
         step_derivatives(_measuring(program, m.value), inputs=(), next_states=(), hessian=False)
         for m in problem.measured
     ]
     writer = _Writer(program, numbers, problem.inputs, table, real)
     rows = [next_value(member.name) for member in numbers.members]
     return FilterFunctions(
-        writer.function("transition", columns, rows, "Computes the next sample and its slopes."),
+        writer.function("transition", transition, rows, "Computes the next sample and its slopes."),
         tuple(
             writer.function(
                 f"measured_{number}",
@@ -58,12 +58,12 @@ def filter_functions(
                 f"Computes what is expected of {measurement.signal}, and its slopes.",
             )
             for number, (measurement, derivatives) in enumerate(
-                zip(problem.measured, found, strict=True)
+                zip(problem.measured, measured, strict=True)
             )
         ),
         frozenset(
             node.op.signal
-            for derivatives in found
+            for derivatives in measured
             for _, node in derivatives.graph
             if isinstance(node.op, ReadSignal)
         ),
@@ -71,15 +71,19 @@ def filter_functions(
 
 
 def _slopes(program: Program) -> StepDerivatives:
+    """Returns the derivatives of next states by states."""
     return step_derivatives(program, inputs=(), hessian=False)
 
 
 def _measuring(program: Program, value: str) -> Program:
+    """Returns the program with the output `value` alone."""
     return replace(program, outputs=(program.output(value),))
 
 
 @dataclass(frozen=True, slots=True)
 class _Writer:
+    """Writes functions that share a program, array layouts and a floating-point type."""
+
     program: Program
     numbers: Vector
     inputs: Vector
@@ -87,32 +91,35 @@ class _Writer:
     real: str
 
     def function(
-        self, name: str, found: StepDerivatives, results: Sequence[str], doc: str
+        self, name: str, derivatives: StepDerivatives, results: Sequence[str], doc: str
     ) -> Function:
+        """Writes `<prefix>_<name>`, which stores these results and their Jacobian by ξ."""
         places = vector_places("z", self.numbers) | vector_places("given", self.inputs)
-        body = FunctionBody(found.graph, self.table, self.program.formulas, places)
+        body = FunctionBody(derivatives.graph, self.table, self.program.formulas, places)
         firsts: dict[str, int] = {}
         size = 0
-        # results stand one after the other in the order in which they are asked for
+        # results are contiguous, in the order of `results`
         for result in results:
             firsts[result] = size
-            size += found.results.member(result).size
+            size += derivatives.results.member(result).size
         rows = [
             firsts[member.name] + number
-            for member in found.results.members
+            for member in derivatives.results.members
             for number in range(member.size)
         ]
         width = self.numbers.size
         slopes = PlacedMatrix(
             "slopes",
-            found.jacobian,
+            derivatives.jacobian,
             rows=np.array(rows, np.int64) * width,
             columns=np.arange(width),
             first=0,
             last=size * width,
         )
-        values = [(found.values[result], firsts[result]) for result in results]
-        stored = [(node, part("results", found.graph[node].type, first)) for node, first in values]
-        body.write((slopes,), {node: node for node in found.jacobian.nodes}, stored)
+        values = [(derivatives.values[result], firsts[result]) for result in results]
+        stored = [
+            (node, part("results", derivatives.graph[node].type, first)) for node, first in values
+        ]
+        body.write((slopes,), {node: node for node in derivatives.jacobian.nodes}, stored)
         read, written = ("z", "given"), ("results", "slopes")
         return body.finished(name, self.real, read, written, doc)

@@ -1,4 +1,4 @@
-"""Draws the samples that a filter's self-test filters, and has the filter in Python judge them."""
+"""Draws the samples of a filter's self-test, and records the estimates of the filter in Python."""
 
 from __future__ import annotations
 
@@ -15,60 +15,68 @@ from msnn.features.control.problem.state_estimation.problem import EstimationPro
 
 STEPS = 24
 _MISSING = 0.2
-"""Part of the measured numbers that are NaN."""
+"""Fraction of measured elements that are NaN, not measured."""
 _ROUNDED = 30.0
-"""How much more than single precision moves the filter in Python another order of sums may move
-that of C; the covariance is kept in another form there."""
+"""Safety factor on the rounding error that float32 causes in the Python filter.
+
+The C differs more: it sums in another order, and stores the covariance as factors U and D.
+"""
 _LEAST = 64.0
-"""Of machine epsilon, by the largest magnitude."""
+"""Minimum tolerance, as a multiple of machine epsilon times the largest magnitude."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class GoldenStep:
-    """The measurements and inputs of a sample, and the estimate after them."""
+    """The measurements and inputs of a sample, and the estimate after the correction."""
 
     measured: tuple[float, ...]
-    """By the order of the measurements; NaN is what was not."""
+    """All measured elements in the order of the measurements; NaN is not measured."""
     given: tuple[float, ...]
     """All inputs, at this sample."""
     corrected: int
+    """Status of the correction."""
     predicted: int
+    """Status of the prediction."""
     x: tuple[float, ...]
     std: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class GoldenSteps:
-    """Steps one after the other, and how near to them a filter in C has to be."""
+    """Successive steps, and the tolerances of the generated filter."""
 
     start: tuple[float, ...]
-    """States that reset is given."""
+    """Argument of reset: the initial states."""
     steps: tuple[GoldenStep, ...]
     near: tuple[float, ...]
+    """Absolute tolerance of each element of the estimate."""
     near_std: tuple[float, ...]
+    """Absolute tolerance of each standard deviation."""
     largest: tuple[float, ...]
+    """Largest magnitude of each element of the estimate along the steps."""
     largest_std: tuple[float, ...]
-    """Magnitudes along the steps."""
+    """Largest standard deviation of each element along the steps."""
 
 
 def golden_steps(
     problem: EstimationProblem, weights: Mapping[str, ArrayLike], dtype: Dtype, seed: int = 0
 ) -> GoldenSteps:
-    """Steps from a drawn state; the same numbers in both precisions.
+    """Runs the Python filter on drawn inputs and measurements, from a drawn initial state.
 
-    How near is a question of how much rounding moves the problem: the filter in Python is run in
-    single precision too, and what that moves counts by the machine epsilon of `dtype`.
+    The drawn values are exact in float32 and float64. The tolerances follow from the difference
+    between runs in float64 and float32, scaled to the machine epsilon of `dtype`. The run ends
+    early if rounding changes a status.
     """
-    judge = KalmanFilter(problem, weights)
+    reference = KalmanFilter(problem, weights)
     single = KalmanFilter(problem, weights, np.float32)
     random = np.random.default_rng(seed)
-    start = _start(judge, random)
+    start = _start(reference, random)
     ranges = {signal.name: signal.range for signal in problem.program.signals}
-    # both begin alike, at numbers that both precisions have
-    for each in (judge, single):
-        each.reset(_named(judge, start))
+    # both start from the same values, exact in both precisions
+    for each in (reference, single):
+        each.reset(_named(reference, start))
     steps: list[GoldenStep] = []
     moved: list[tuple[Array, Array]] = []
     for _ in range(STEPS):
@@ -79,22 +87,22 @@ def golden_steps(
             for m in problem.inputs.members
         }
         measured = {
-            m.signal: _drawn(judge.expected(inputs)[m.signal], m.std, random)
-            # drawn around what the filter expects: it stays where the model is
+            m.signal: _drawn(reference.expected(inputs)[m.signal], m.std, random)
+            # drawn around the expected measurement, so that the estimate stays plausible
             for m in problem.measured
         }
-        found, other = judge.correct(measured, inputs), single.correct(measured, inputs)
-        values = judge.vector.copy(), _std(judge)
+        corrected, other = reference.correct(measured, inputs), single.correct(measured, inputs)
+        values = reference.vector.copy(), _std(reference)
         rough = single.vector.astype(float), _std(single)
-        after, again = judge.predict(inputs), single.predict(inputs)
-        # from here on the two go apart for no fault of either
-        if (found.status, after) != (other.status, again):
+        after, again = reference.predict(inputs), single.predict(inputs)
+        # different statuses: the runs are no longer comparable
+        if (corrected.status, after) != (other.status, again):
             break  # rounding decides whether it diverges
         steps.append(
             GoldenStep(
                 measured=_flat(measured[m.signal] for m in problem.measured),
                 given=_flat(inputs[m.name] for m in problem.inputs.members),
-                corrected=int(found.status),
+                corrected=int(corrected.status),
                 predicted=int(after),
                 x=tuple(values[0].tolist()),
                 std=tuple(values[1].tolist()),
@@ -104,14 +112,14 @@ def golden_steps(
     epsilon = float(np.finfo(dtype).eps)
     by_epsilon = epsilon / float(np.finfo(np.float32).eps)
 
-    size = judge.numbers.size
+    size = reference.numbers.size
 
     def largest(values: list[Array]) -> Array:
         return np.max(values, axis=0) if values else np.zeros(size)
 
     sizes = [largest([np.abs(step.x) for step in steps]), largest([np.array(s.std) for s in steps])]
     near = [
-        # what single precision moves, scaled to the type, and a floor of some epsilons
+        # difference caused by float32, scaled to the type, plus a minimum of some epsilons
         tuple((_ROUNDED * by_epsilon * largest(off) + _LEAST * epsilon * magnitude).tolist())
         for off, magnitude in zip(
             ([pair[0] for pair in moved], [pair[1] for pair in moved]), sizes, strict=True
@@ -127,42 +135,46 @@ def golden_steps(
     )
 
 
-def _start(judge: KalmanFilter, random: np.random.Generator) -> Array:
-    """The spec's first estimate, else one within ranges."""
-    found: list[Array] = []
-    for state in judge.problem.program.states:
-        member = judge.numbers.member(state.name)
+def _start(reference: KalmanFilter, random: np.random.Generator) -> Array:
+    """Returns the initial states of the spec; those without one are drawn within their ranges."""
+    parts: list[Array] = []
+    for state in reference.problem.program.states:
+        member = reference.numbers.member(state.name)
         part = slice(member.first, member.first + member.size)
         drawn = random.uniform(*_range(state.range), member.size)
-        # known starts stay; what nobody says is drawn
-        found.append(np.where(judge.is_known[part], judge.vector[part], drawn))
-    return _rounded(np.concatenate([*found, np.empty(0)]))
+        # draws only states without an initial value
+        parts.append(np.where(reference.is_known[part], reference.vector[part], drawn))
+    return _rounded(np.concatenate([*parts, np.empty(0)]))
 
 
 def _range(known: tuple[float, float] | None) -> tuple[float, float]:
+    """Returns the range, or (−1, 1) for None."""
     return known or (-1.0, 1.0)
 
 
-def _named(judge: KalmanFilter, start: Array) -> dict[str, Array]:
-    known = judge.problem.states.members
-    return {m.name: start[m.first : m.first + m.size].reshape(Type(m.axes).shape) for m in known}
+def _named(reference: KalmanFilter, start: Array) -> dict[str, Array]:
+    """Splits a vector of states into arrays by name."""
+    members = reference.problem.states.members
+    return {m.name: start[m.first : m.first + m.size].reshape(Type(m.axes).shape) for m in members}
 
 
 def _drawn(expected: Array, std: float, random: np.random.Generator) -> Array:
+    """Returns a measurement with normal noise; some of its elements are NaN, not measured."""
     noisy = expected + std * random.standard_normal(expected.shape)
     missing = random.uniform(size=expected.shape) < _MISSING
     return _rounded(np.where(missing | ~np.isfinite(noisy), np.nan, noisy))
 
 
-def _std(judge: KalmanFilter) -> Array:
-    return np.sqrt(np.maximum(np.diagonal(judge.covariance).astype(float), 0.0))
+def _std(reference: KalmanFilter) -> Array:
+    """Returns the standard deviation of each element of the estimate."""
+    return np.sqrt(np.maximum(np.diagonal(reference.covariance).astype(float), 0.0))
 
 
-# numbers of single precision are the same in both
 def _rounded(values: Array) -> Array:
-    """Numbers that both precisions have."""
+    """Rounds to float32; such values are exact in float64, too."""
     return np.asarray(values, np.float32).astype(float)
 
 
 def _flat(values: Iterable[Array]) -> tuple[float, ...]:
+    """Concatenates the elements of all arrays in C order."""
     return tuple(float(x) for value in values for x in np.ravel(value))

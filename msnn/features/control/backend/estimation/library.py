@@ -1,4 +1,4 @@
-"""Calls a generated filter from numpy: its structs and the functions of its built library."""
+"""Calls the compiled library of a generated estimator from Python with numpy arrays (ctypes)."""
 
 from __future__ import annotations
 
@@ -19,27 +19,30 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class FilterEstimate:
-    """The estimate that a correction gave."""
+    """Result of a correction: estimate and standard deviations (n), innovations, status code."""
 
     status: int
     x: Array
     std: Array
     innovation: Array
     residual: float
-    """Of a window; a filter has none, 0."""
+    """KKT residual of a moving-horizon estimator; 0 for a Kalman filter."""
     iterations: int | None
-    """Of a window; a filter has none."""
+    """Iterations of a moving-horizon estimator; None for a Kalman filter."""
 
 
 class FilterLibrary:
-    """One filter; `about` is what the JSON file beside the sources says."""
+    """One instance of a generated Kalman filter or moving-horizon estimator.
+
+    `about` is the parsed JSON description written next to the C sources.
+    """
 
     def __init__(self, about: Mapping[str, Any], library: ctypes.CDLL) -> None:
         self._prefix: str = about["prefix"]
         self._library = library
         self._inputs = {field["signal"]: field["name"] for field in about["in"]}
         self._signals = {field["signal"]: field["name"] for field in about["measured"]}
-        # numpy's structured types, aligned as C aligns them, are the memory of the filter
+        # structured numpy arrays with the layout of the C structs
         self._state = np.zeros(1, struct_type(about["struct"]))
         self._in = np.zeros(1, struct_type(about["in"]))
         self._measured = np.zeros(1, struct_type(about["measured"]))
@@ -48,35 +51,38 @@ class FilterLibrary:
 
     @classmethod
     def of_folder(cls, folder: Path, library: Path) -> FilterLibrary:
-        """A filter of what `write_estimator` wrote and `build_library` compiled."""
-        # one of the two: a folder with both would not say which filter is meant
+        """Loads an estimator that `write_estimator` wrote and `build_library` compiled."""
+        # exactly one: with both, the choice would be ambiguous
         (file,) = [*folder.glob("*_ekf.json"), *folder.glob("*_mhe.json")]
         return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
 
     @property
     def covariance(self) -> Array:
-        """U D Uᵀ, multiplied in double precision."""
-        # U has ones on its diagonal, where D is kept
+        """The covariance P = U D Uᵀ (n, n), multiplied in float64."""
+        # U has a unit diagonal; the array stores D there
         factor = self._state[0]["factor"].astype(float)
         upper = np.triu(factor, 1) + np.eye(len(factor))
         return (upper * np.diagonal(factor)) @ upper.T
 
     @property
     def variances(self) -> Array:
-        """D."""
+        """The diagonal of D (n) in P = U D Uᵀ."""
         return np.diagonal(self._state[0]["factor"]).copy()
 
     def reset(self, states: ArrayLike) -> None:
-        """Begins anew from these states; NaN is as the spec says."""
-        # of the type that the C has: ctypes passes an address, and checks nothing
-        given = np.ascontiguousarray(states, self._out.dtype["x"].base)
-        self._call("reset", self._state, given)
+        """Restarts the estimator from these states; NaN takes the initial value of the spec."""
+        # converted to the C type: ctypes passes an address and checks nothing
+        initial = np.ascontiguousarray(states, self._out.dtype["x"].base)
+        self._call("reset", self._state, initial)
 
     def correct(
         self, measured: Mapping[str, ArrayLike], inputs: Mapping[str, ArrayLike] | None = None
     ) -> FilterEstimate:
-        """The estimate; signals that are not named are not measured."""
-        # NaN is "not measured" in the C too: the filter skips that row and keeps its innovation NaN
+        """Corrects the estimate by the measurements of this sample, by signal, and returns it.
+
+        Omitted signals and NaN are not measured. `inputs` has those that measured outputs read.
+        """
+        # the C, too, skips a NaN and sets its innovation to NaN
         missing = {
             signal: np.full(self._measured.dtype[field].shape, np.nan)
             for signal, field in self._signals.items()
@@ -96,43 +102,49 @@ class FilterLibrary:
         )
 
     def predict(self, inputs: Mapping[str, ArrayLike]) -> int:
-        """Goes on to the next sample."""
+        """Predicts the estimate of the next sample from these inputs; returns a status code."""
         self._fill(self._in, self._inputs, inputs)
         return self._call("predict", self._state, *([self._in] if self._inputs else []))
 
     def correct_numbers(self, measured: ArrayLike, given: ArrayLike) -> FilterEstimate:
-        """The same by numbers in the order of the measurements and of all inputs."""
+        """Corrects as `correct` does, from flat arrays of all measured elements and all inputs.
+
+        They are in the order of the measurements and of the inputs.
+        """
         inputs = self._by_signal(self._in, self._inputs, given)
-        beside = {name: inputs[name] for name in self._signals if name in inputs}
-        own = {name: field for name, field in self._signals.items() if name not in beside}
-        return self.correct(self._by_signal(self._measured, own, measured), beside)
+        read = {name: inputs[name] for name in self._signals if name in inputs}
+        own = {name: field for name, field in self._signals.items() if name not in read}
+        return self.correct(self._by_signal(self._measured, own, measured), read)
 
     def predict_numbers(self, given: ArrayLike) -> int:
-        """The same by numbers in the order of all inputs."""
+        """Predicts as `predict` does; the argument is all inputs, flattened, in their order."""
         return self.predict(self._by_signal(self._in, self._inputs, given))
 
     def selftest(self) -> int:
-        """Bits of the self-test; 0 if all is well."""
+        """Runs the generated self-test; returns a bit mask of failures, 0 if it passes."""
         return self._call("selftest")
 
     def _by_signal(
         self, struct: Array, names: Mapping[str, str], numbers: ArrayLike
     ) -> dict[str, Array]:
-        found: dict[str, Array] = {}
+        """Splits a flat array into the fields of a struct, by signal."""
+        values: dict[str, Array] = {}
         rest = np.ravel(numbers)
         for signal, field in names.items():
             size = int(np.prod(struct.dtype[field].shape, dtype=int))
-            found[signal], rest = rest[:size], rest[size:]
-        return found
+            values[signal], rest = rest[:size], rest[size:]
+        return values
 
     def _fill(
         self, struct: Array, names: Mapping[str, str], values: Mapping[str, ArrayLike]
     ) -> None:
+        """Copies values by signal into the fields of a struct."""
         for signal, field in names.items():
             shape = struct.dtype[field].shape
             struct[0][field] = np.asarray(values[signal], struct.dtype[field].base).reshape(shape)
 
     def _call(self, name: str, *arrays: Array) -> int:
+        """Calls `<prefix>_<name>` with pointers to the arrays; returns its int result."""
         function = getattr(self._library, f"{self._prefix}_{name}")
         function.restype = ctypes.c_int
         return int(function(*(ctypes.c_void_p(array.ctypes.data) for array in arrays)))

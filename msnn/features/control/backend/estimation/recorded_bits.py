@@ -1,4 +1,4 @@
-"""Records the bits that a filter gives for its golden steps."""
+"""Records a hash of the estimates that a generated filter computes for its golden steps."""
 
 from __future__ import annotations
 
@@ -13,18 +13,21 @@ from msnn.features.control.backend.selftest.recorded import compiled_texts
 
 
 def recorded_bits(golden: GoldenSteps, texts: Mapping[str, str], name: str) -> int | None:
-    """Mixed FNV-1a of the words of all estimates and deviations; None where nothing compiles."""
+    """Returns a 32-bit hash of the bits of all estimates and standard deviations.
+
+    It is FNV-1a over 32-bit words with an added shift. None without a working C compiler.
+    """
     built = compiled_texts(texts)
     if built is None:
         return None
     library = FilterLibrary(json.loads(texts[f"{name}.json"]), built)
     library.reset(golden.start)
-    # FNV-1a by words carries bits upwards alone: the shift below brings the high ones down
+    # FNV-1a over words moves bits upwards only: the added shift moves high bits down
     hashed = 2166136261
     for step in golden.steps:
-        found = library.correct_numbers(step.measured, step.given)
+        estimate = library.correct_numbers(step.measured, step.given)
         library.predict_numbers(step.given)
-        for values in (found.x, found.std):
+        for values in (estimate.x, estimate.std):
             for word in values.view(np.uint32).tolist():
                 hashed = ((hashed ^ word) * 16777619) & 0xFFFFFFFF
                 hashed ^= hashed >> 15

@@ -1,4 +1,4 @@
-"""Writes the files of a Kalman filter: header, source, math, self-test, description."""
+"""Writes the files of a Kalman filter: header, source, kernels, self-test, JSON description."""
 
 from __future__ import annotations
 
@@ -38,7 +38,10 @@ from msnn.features.control.problem.state_estimation.problem import EstimationPro
 def filter_texts(
     problem: EstimationProblem, weights: Mapping[str, ArrayLike], prefix: str, dtype: Dtype
 ) -> dict[str, str]:
-    """Texts by path."""
+    """Returns the text of each file of an extended Kalman filter, by relative path.
+
+    `weights` has the value of each parameter by name.
+    """
     made = filter_sources(problem, weights, f"{prefix}_ekf", dtype)
     golden = golden_steps(problem, weights, dtype)
     bits = recorded_bits(golden, made.texts, made.name)
@@ -48,7 +51,7 @@ def filter_texts(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterSources:
-    """The files of a filter without its self-test, and what its templates are given."""
+    """The files of a filter without its self-test, and the variables of its templates."""
 
     name: str
     texts: dict[str, str]
@@ -56,7 +59,7 @@ class FilterSources:
     struct: list[StructMember]
 
     def text(self, template: str, title: str, folder: str = "estimation", **more: Any) -> str:
-        """A template with these facts and more."""
+        """Renders a template with `facts` and further variables."""
         named = GeneratedNames(self.facts["model"], self.name)
         return render(template, named, title, folder, **(self.facts | more))
 
@@ -69,11 +72,14 @@ def filter_sources(
     *,
     around: bool = False,
 ) -> FilterSources:
-    """The sources of a filter of this name; `around` for slopes at points that a caller gives."""
-    judge = KalmanFilter(problem, weights)
-    estimated = judge.numbers
+    """Writes the sources of a filter; `name` is the prefix of files and functions.
+
+    With `around`, functions linearise at a point that the caller passes, instead of the estimate.
+    """
+    reference = KalmanFilter(problem, weights)
+    estimated = reference.numbers
     numbers = TypedLiterals(dtype)
-    # the smallest normal number: many controllers flush those below it to 0
+    # the smallest normal number: many microcontrollers flush subnormal numbers to 0
     smallest = float(np.finfo(dtype).tiny)
     table = FunctionTable(FunctionNames(name, dtype, "own"))
     program = inline_parameters(augmented(problem.program, problem.parameters), weights)
@@ -82,8 +88,8 @@ def filter_sources(
     measured, read = measured_fields(
         problem, [field for field in given if field.name in functions.read], smallest
     )
-    # only numbers that noise moves have a column in the update of the factor
-    moving = [int(i) for i in np.flatnonzero(judge.drift)]
+    # only elements with process noise have a column in the update of the factor
+    moving = [int(i) for i in np.flatnonzero(reference.drift)]
     struct = _members(estimated.size, problem, measured, len(moving), numbers.real)
     signals = vector_of("innovation", [_innovation(problem, m.value) for m in problem.measured])
     facts: dict[str, Any] = {
@@ -111,13 +117,13 @@ def filter_sources(
             for function in (*table.definitions(), *functions.functions)
         ],
         "kernels": bool(table.kernels),
-        "start": judge.vector.tolist(),
-        "known": [int(known) for known in judge.is_known],
-        # D begins as the variances: numbers are independent before anything is measured
-        "first": np.diagonal(judge.covariance).tolist(),
+        "start": reference.vector.tolist(),
+        "known": [int(known) for known in reference.is_known],
+        # the initial covariance is diagonal: elements are independent before the first measurement
+        "first": np.diagonal(reference.covariance).tolist(),
         "noises": moving,
-        # a drift that float64 has must not round to 0 in float32
-        "noise": [max(float(judge.drift[i]), smallest) for i in moving],
+        # a small variance must not round to 0 in float32
+        "noise": [max(float(reference.drift[i]), smallest) for i in moving],
         "bounds": [
             {
                 "first": estimated.member(parameter).first,
@@ -160,6 +166,10 @@ def _members(
     noises: int,
     real: str,
 ) -> list[StructMember]:
+    """Lists the members of a filter's state struct.
+
+    ξ has `size` elements, of which `noises` have process noise.
+    """
     most = max([size, *(field.size for field in measured)])
 
     def reals(name: str, *shape: int) -> StructMember:
@@ -177,17 +187,19 @@ def _members(
         reals("moved", size),
         reals("results", most),
         reals("slopes", most * size),
-        # the factor after the step beside the noise: together they are made a triangle again
+        # propagated factor and noise columns, which orthogonalisation makes triangular again
         reals("work", size, size + noises),
     ]
 
 
 def _innovation(problem: EstimationProblem, value: str) -> tuple[str, Any, Any]:
+    """Returns name, axes and unit of a measured output."""
     type = problem.program.step[problem.program.output(value).node].type
     return value, type.axes, type.unit
 
 
 def _named(problem: EstimationProblem, vector: Vector) -> Vector:
+    """Returns the vector of measured outputs with the names of their signals."""
     signals = [m.signal for m in problem.measured]
     return vector_of(
         vector.letter,
@@ -196,6 +208,7 @@ def _named(problem: EstimationProblem, vector: Vector) -> Vector:
 
 
 def _about(problem: EstimationProblem) -> str:
+    """Returns the comment at the top of the header."""
     measured = ", ".join(measurement.signal for measurement in problem.measured)
     return (
         f"Estimates the states of the model from what is measured of it ({measured}) by the "

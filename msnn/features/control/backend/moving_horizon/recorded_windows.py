@@ -1,4 +1,4 @@
-"""Records what a moving-horizon estimator gives for its golden steps, and its bits."""
+"""Records statuses and a hash of the estimates of a moving-horizon estimator's golden steps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ from msnn.features.control.backend.estimation.library import FilterLibrary
 
 @dataclass(frozen=True, slots=True)
 class RecordedWindows:
-    """The statuses of calls, and mixed FNV-1a of the words of all that they gave."""
+    """Status of each correction and prediction, and a 32-bit hash of all estimates.
+
+    The hash is that of `recorded_bits`.
+    """
 
     corrected: tuple[int, ...]
     predicted: tuple[int, ...]
@@ -28,10 +31,13 @@ class RecordedWindows:
 def recorded_windows(
     golden: GoldenSteps, texts: Mapping[str, str], name: str
 ) -> RecordedWindows | None:
-    """The results that every build gives; None where nothing compiles."""
-    # Windows does not remove a library that is loaded
+    """Compiles the files and runs the golden steps; returns None without a working C compiler.
+
+    Results are bit-identical for every compiler.
+    """
+    # Windows cannot remove a library while it is loaded
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
-        # the estimator is of three sources that do not go into one
+        # the three sources of the estimator cannot be joined into one translation unit
         folder = Path(place)
         for path, text in texts.items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
@@ -46,10 +52,10 @@ def recorded_windows(
         predicted: list[int] = []
         hashed = 2166136261
         for step in golden.steps:
-            found = library.correct_numbers(step.measured, step.given)
-            corrected.append(found.status)
+            estimate = library.correct_numbers(step.measured, step.given)
+            corrected.append(estimate.status)
             predicted.append(library.predict_numbers(step.given))
-            for values in (found.x, found.std):
+            for values in (estimate.x, estimate.std):
                 for word in values.view(np.uint32).tolist():
                     hashed = ((hashed ^ word) * 16777619) & 0xFFFFFFFF
                     hashed ^= hashed >> 15

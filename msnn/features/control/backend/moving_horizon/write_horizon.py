@@ -1,4 +1,4 @@
-"""Writes the files of a moving-horizon estimator: its filter, its solver, and what joins them."""
+"""Writes the files of a moving-horizon estimator: arrival filter, solver and estimator."""
 
 from __future__ import annotations
 
@@ -34,19 +34,26 @@ from msnn.features.control.problem.state_estimation.problem import EstimationPro
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Source:
-    """A field of the filter's structs, and the reference of the window that keeps its samples."""
+    """An input or measurement: its fields in the structs of the filter and of the solver."""
 
     name: str
+    """The field of the filter's struct."""
     size: int
     kept: str
+    """The field of the solver's input struct that stores its samples of the window."""
     seen: str = ""
+    """For a measurement, the field that is 1 for elements that were measured, otherwise 0."""
     number: int = 0
+    """For an input, its index among all inputs."""
 
 
 def horizon_texts(
     problem: EstimationProblem, weights: Mapping[str, ArrayLike], prefix: str, dtype: Dtype
 ) -> dict[str, str]:
-    """Texts by path."""
+    """Returns the text of each file of a moving-horizon estimator, by relative path.
+
+    `weights` has the value of each parameter by name.
+    """
     assert problem.window is not None
     name = f"{prefix}_mhe"
     known = filter_sources(problem, weights, f"{name}_filter", dtype, around=True)
@@ -55,7 +62,7 @@ def horizon_texts(
     about = "Finds the noise of a window of samples that explains best what was measured in them."
     solver = f"{name}_window"
     texts = solver_texts(control, solver, dtype, "Window", about, is_window=True)
-    # one description of the whole, below, in place of one of each part
+    # one JSON description of the whole, below, replaces those of the parts
     parts = {
         "window": json.loads(texts.pop(f"{solver}.json")),
         "filter": json.loads(known.texts.pop(f"{known.name}.json")),
@@ -90,11 +97,12 @@ def _facts(
     known: FilterSources,
     name: str,
 ) -> dict[str, Any]:
+    """Returns the variables of the templates beyond those of the filter."""
     fields = {field.name: field for field in input_fields(control)}
     return {
         "window": f"{name}_window",
         "filter": known.name,
-        # the first stage leads to the first sample: it is none of the window's
+        # the first stage, from the arrival estimate to the first sample, is not part of the window
         "horizon": control.horizon - 1,
         "iterations": control.iterations,
         "starts_again": control.starts_again,
@@ -139,7 +147,7 @@ def _facts(
 
 
 def _place(field: SeriesField) -> str:
-    """The C text of its number i."""
+    """Returns a format string of the C expression of element i of a field."""
     return f"{field.identifier}[{{}}]" if field.shape else field.identifier
 
 
@@ -150,9 +158,12 @@ def _description(
     control: ControlProblem,
     sources: list[_Source],
 ) -> str:
-    """The JSON file: that of a filter, with what a window adds."""
+    """Returns the JSON description of an estimator: that of its filter, extended by the solver.
+
+    `parts` has the descriptions of filter and window; `sources` are the inputs.
+    """
     filter, window = parts["filter"], parts["window"]
-    # nested structs: numpy aligns them as C does, so that the size is right
+    # numpy aligns nested structs as C does, so that this gives sizeof the C struct
     nested: list[tuple[str, Any]] = [
         ("ready", np.dtype(np.uint32)),
         ("count", np.dtype(np.int32)),
@@ -167,7 +178,7 @@ def _description(
     ]
     size = np.dtype(nested, align=True).itemsize
     word = np.dtype(dtype).itemsize
-    # who looks at it from outside takes the memory as so many words
+    # callers allocate the struct as an array of values of this type
     assert size % word == 0
     return metadata_text(
         filter

@@ -1,1 +1,1 @@
-"""Writes the self-test of a controller and the golden solves that it repeats."""
+"""Writes the C self-test of a controller, with recorded (golden) solves that it must reproduce."""

@@ -1,7 +1,8 @@
-"""Records what a controller decides, so that other builds can be compared with it to the bit.
+"""Records solves of a generated controller, which other builds must reproduce bit for bit.
 
-Starts are drawn within what the spec declares and beyond it, until each kind of end is there:
-solved inside the limits, at a limit of a control, with a soft bound exceeded, capped, infeasible.
+Initial states are drawn within the declared ranges and beyond, to cover every outcome: solved
+inside the limits, at a limit of a control, with a violated soft limit, at the iteration limit,
+infeasible.
 """
 
 from __future__ import annotations
@@ -25,37 +26,45 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 _DRAWS = 16
 _BEYOND = (1.0, 3.0, 10.0)
-"""Factors of the drawn states."""
+"""Factors on drawn states, disturbances and references."""
 _OF_A_KIND = 2
+"""Maximum number of recorded initial states per outcome."""
 _AGAIN = 0.9
-"""The state of the solve that follows, from the plan of the one before."""
+"""Factor on the state for the next solve, which starts from the previous plan."""
 _CAPPED = 1
-"""The last status that has a plan."""
+"""The largest status code of a solve that has a plan."""
 _CHANGED = 0.5
-"""The part of what is known that is left in later solves."""
+"""Factor on disturbances and references from one solve to the next."""
 _BOUND = 1e-3
-"""Distance from a limit that counts as at it, by the control's scale; part of the weight of a soft
-bound that its multiplier lacks where it is exceeded."""
+"""Tolerance of two checks.
+
+A control is at a limit within this distance, relative to its scale. A soft limit is violated if its
+multiplier is within this fraction of its linear weight.
+"""
 
 Array = NDArray[np.float64]
 Call: TypeAlias = Literal[
     "solve", "first solve", "feedback", "prepared feedback", "solve after NaN", "solve after far"
 ]
-"""What is called: a first solve after `init`, those after `reset` with a control that nobody can
-have applied, NaN or `FAR`."""
+"""The function that is called, and its context.
+
+"first solve" follows `init`. "solve after NaN" and "solve after far" follow `reset` with an
+impossible control, NaN or `FAR`.
+"""
 FAR = 1e30
+"""A finite control far outside any limit."""
 _FEEDBACKS: tuple[Call, ...] = ("feedback", "prepared feedback")
 _APPLIED: Mapping[Call, float] = {"solve after NaN": math.nan, "solve after far": FAR}
 
 
 @dataclass(frozen=True, slots=True)
 class GoldenSolve:
-    """A solve, or a feedback, and its bits."""
+    """One call of a controller, with its arguments and its bit-exact results."""
 
     call: Call
     x: tuple[float, ...]
     known: tuple[float, ...]
-    """Of each field of the input the numbers of one sample, the same all along the horizon."""
+    """One sample of each input field except x, repeated along the horizon."""
     status: int
     iterations: int
     u: tuple[float, ...]
@@ -64,6 +73,8 @@ class GoldenSolve:
 
 @dataclass(frozen=True, slots=True)
 class _Start:
+    """The input of a solve: a state, and one sample of each disturbance and reference."""
+
     x: Array
     known: tuple[Array, ...]
 
@@ -71,7 +82,10 @@ class _Start:
 def golden_solves(
     problem: ControlProblem, texts: Mapping[str, str], name: str
 ) -> tuple[GoldenSolve, ...] | None:
-    """The solves of a controller's files; None where nothing compiles them here."""
+    """Compiles the files of a controller and records its solves.
+
+    Returns None without a working C compiler.
+    """
     built = compiled_texts(texts)
     if built is None:
         return None
@@ -79,7 +93,7 @@ def golden_solves(
     fields, rows = input_fields(problem), rows_of(problem)
     real = library.real
     kinds: dict[tuple[int, bool, bool], int] = {}
-    found: list[GoldenSolve] = []
+    solves: list[GoldenSolve] = []
     for start in _starts(problem, fields, real):
         library.init()
         decision = _solved(library, fields, start)
@@ -89,50 +103,50 @@ def golden_solves(
             _exceeds(problem, rows, library),
         )
         kinds[kind] = kinds.get(kind, 0) + 1
-        # of each kind of end a few: a test with hundreds would say no more
+        # a few solves per outcome suffice
         if kinds[kind] > _OF_A_KIND:
             continue
-        # a number that is NaN must be refused, and leave the plan as it was
-        missing = _missing(start) if not found else _missing(start)[:1]
-        found.append(_recorded("first solve", start, decision))
+        # an input with a NaN must be refused and leave the plan unchanged
+        missing = _missing(start) if not solves else _missing(start)[:1]
+        solves.append(_recorded("first solve", start, decision))
         after = missing if kinds[kind] == 1 else []
         later = _after(start, real, known=1.0)
         for then in (*after, later):
-            found.append(_recorded("solve", then, _solved(library, fields, then)))
+            solves.append(_recorded("solve", then, _solved(library, fields, then)))
         if kinds[kind] > 1:
             continue
-        # what is known changes, so that no value of the plan stays as it was
+        # disturbances and references change, so that every value of the plan does
         changed = _after(later, real, known=_CHANGED)
         decision = _solved(library, fields, changed)
-        found.append(_recorded("solve", changed, decision))
+        solves.append(_recorded("solve", changed, decision))
         for call in _FEEDBACKS:
-            # without a plan it is a solve
+            # without a plan, feedback would solve
             if decision.status > _CAPPED:
                 break
             changed = _after(changed, real, known=_CHANGED)
             if call == "prepared feedback":
                 library.prepare()
             decision = library.feedback(_values(fields, changed))
-            found.append(_recorded(call, changed, decision))
+            solves.append(_recorded(call, changed, decision))
         for call, applied in _APPLIED.items():
             library.reset(np.full(problem.controls.size, applied))
-            found.append(_recorded(call, start, _solved(library, fields, start)))
-    return tuple(found)
+            solves.append(_recorded(call, start, _solved(library, fields, start)))
+    return tuple(solves)
 
 
 def _missing(start: _Start) -> list[_Start]:
-    """The start with each of its numbers in turn NaN."""
+    """Returns copies of an input, each with one element replaced by NaN."""
     numbers = np.concatenate([start.x, *start.known])
     ends = np.cumsum([len(start.x), *(len(values) for values in start.known)])[:-1]
-    found: list[_Start] = []
+    starts: list[_Start] = []
     for k in range(len(numbers)):
         x, *known = np.split(np.where(np.arange(len(numbers)) == k, np.nan, numbers), ends)
-        found.append(_Start(x, tuple(known)))
-    return found
+        starts.append(_Start(x, tuple(known)))
+    return starts
 
 
 def _after(start: _Start, real: np.dtype[np.floating], *, known: float) -> _Start:
-    """A place where a plant may be a sample later, what is known times this factor."""
+    """Returns the input of the next solve: a smaller state; `known` scales all other values."""
 
     def rounded(values: Array) -> Array:
         return values.astype(real).astype(float)
@@ -143,23 +157,26 @@ def _after(start: _Start, real: np.dtype[np.floating], *, known: float) -> _Star
 def _starts(
     problem: ControlProblem, fields: Sequence[SeriesField], real: np.dtype[np.floating]
 ) -> list[_Start]:
+    """Draws the inputs of first solves, from the declared ranges and beyond."""
     random = np.random.default_rng(2)
-    found: list[_Start] = []
+    starts: list[_Start] = []
     for beyond in _BEYOND:
         for drawn in drawn_starts(problem, _DRAWS):
-            # numbers of the type, so that Python and C solve the same problem
+            # rounded to the C type, so that Python and C solve the same problem
             x = (beyond * np.array(drawn)).astype(real).astype(float)
             known = [random.uniform(-beyond, beyond, field.count) for field in fields]
             rounded = (values.astype(real).astype(float) for values in known)
-            found.append(_Start(x, tuple(rounded)))
-    return found
+            starts.append(_Start(x, tuple(rounded)))
+    return starts
 
 
 def _solved(library: ControllerLibrary, fields: Sequence[SeriesField], start: _Start) -> Decision:
+    """Solves for this input."""
     return library.solve(_values(fields, start))
 
 
 def _values(fields: Sequence[SeriesField], start: _Start) -> dict[str, Array]:
+    """Returns the input by field name, each sample repeated along the horizon."""
     known = {
         field.identifier: np.tile(values, field.samples)
         for field, values in zip(fields, start.known, strict=True)
@@ -168,6 +185,7 @@ def _values(fields: Sequence[SeriesField], start: _Start) -> dict[str, Array]:
 
 
 def _recorded(call: Call, start: _Start, decision: Decision) -> GoldenSolve:
+    """Records a call with its input and its result."""
     return GoldenSolve(
         call=call,
         x=tuple(start.x.tolist()),
@@ -180,6 +198,7 @@ def _recorded(call: Call, start: _Start, decision: Decision) -> GoldenSolve:
 
 
 def _is_at_a_limit(rows: Rows, control: NDArray[np.floating]) -> bool:
+    """Returns True if any control is at one of its limits."""
     near = (
         abs(float(u) - end) <= _BOUND * row.scale
         for u, row in zip(control, rows.rows, strict=False)
@@ -189,13 +208,14 @@ def _is_at_a_limit(rows: Rows, control: NDArray[np.floating]) -> bool:
     return any(near)
 
 
-# z of a soft bound is at most w₁ where nothing exceeds it
 def _exceeds(problem: ControlProblem, rows: Rows, library: ControllerLibrary) -> bool:
-    """Whether a soft bound is exceeded: its multiplier is its weight then."""
-    found = multipliers_of(problem, rows, library)
+    """Returns True if a soft limit is violated: its multiplier is then at least its weight w₁."""
+    multipliers = multipliers_of(problem, rows, library)
     return any(
         bool(np.any(side >= (1 - _BOUND) * path.linear))
-        for path, low, high in zip(problem.path_limits, found.path_min, found.path_max, strict=True)
+        for path, low, high in zip(
+            problem.path_limits, multipliers.path_min, multipliers.path_max, strict=True
+        )
         if path.linear is not None
         for side in (low, high)
     )

@@ -1,6 +1,6 @@
-"""Compiles generated C where it is written, so that its self-test knows the bits it gives.
+"""Compiles generated C at export, to record its results in its self-test.
 
-Every compiler gives the same ones (decision 0236), so that files do not depend on which it was.
+The results are bit-identical for every compiler (decision 0268), and so are the written files.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from backends.native.exported.one_text import one_text
 
 
 def compiled_texts(texts: Mapping[str, str]) -> ctypes.CDLL | None:
-    """The library of these files; None where nothing compiles them."""
+    """Compiles the files and loads the library; returns None without a working C compiler."""
     try:
         return compiled_kernel(one_text(texts), briefly=True).library
     except (CompilerMissingError, KernelBuildError):

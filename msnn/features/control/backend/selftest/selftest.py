@@ -1,4 +1,4 @@
-"""Writes the self-test of a controller: what must be refused, and golden solves to the bit."""
+"""Writes the C self-test of a controller: inputs it must refuse, solves it must reproduce."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 @dataclass(frozen=True, slots=True)
 class SelfTest:
-    """The names in a file of self-tests."""
+    """The names that the template of a self-test needs."""
 
     model: str
     prefix: str
@@ -29,7 +29,11 @@ class SelfTest:
 def selftest_texts(
     problem: ControlProblem, prefix: str, dtype: Dtype, texts: Mapping[str, str]
 ) -> dict[str, str]:
-    """`src/<prefix>_mpc_selftest.c` of the files in `texts`, by path; of a trained problem."""
+    """Returns the text of `src/<prefix>_mpc_selftest.c`, by path.
+
+    `texts` are the other files of the controller, which are compiled to record golden solves. The
+    problem must have no parameters.
+    """
     problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
     name = f"{prefix}_mpc"
     numbers, rows = TypedLiterals(dtype), rows_of(problem)
@@ -51,7 +55,7 @@ def selftest_texts(
         highest=[_end(row.maximum, float("inf"), rows.move) for row in controls],
         fields=[(field, sum(counts[:number])) for number, field in enumerate(fields)],
         known=sum(counts),
-        # limits that are computed may be NaN where what is known of the horizon is 0
+        # computed limits may be NaN if the references are 0
         highest_status="INPUT_NOT_FINITE" if rows.move else "INFEASIBLE",
         golden=golden_solves(problem, texts, name) or (),
         calls=get_args(Call),
@@ -61,4 +65,5 @@ def selftest_texts(
 
 
 def _end(limit: float | None, without: float, moves: bool) -> float:
+    """Returns a constant limit; `without` if there is none or it depends on references."""
     return without if limit is None or moves else limit

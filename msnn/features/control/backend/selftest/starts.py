@@ -1,4 +1,4 @@
-"""Draws states for the self-test of a controller."""
+"""Draws initial states for the self-test of a controller."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ STARTS = 6
 
 
 def drawn_starts(problem: ControlProblem, count: int = STARTS) -> list[list[float]]:
-    """States within their ranges, or else within their scales; the first one is 0 or nearest."""
+    """Draws `count` states x, each within its range or ± its scale.
+
+    The first one is 0, or the value of the range nearest to 0.
+    """
     random = np.random.default_rng(0)
     rows: list[list[float]] = []
     for number in range(count):

@@ -1,1 +1,4 @@
-"""Writes the functions of a stage in C: values, slopes, curvature."""
+"""Writes the C functions that evaluate one stage of an optimal control problem.
+
+They compute its values, Jacobian and Hessian.
+"""

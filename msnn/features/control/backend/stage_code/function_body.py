@@ -1,4 +1,4 @@
-"""Writes one C function of arrays by lowering a graph: the body, and where its graph reads."""
+"""Lowers a graph to the body of one C function whose arguments are arrays."""
 
 from __future__ import annotations
 
@@ -20,9 +20,14 @@ from msnn.features.control.backend.stage_code.placed_matrix import PlacedMatrix
 from msnn.features.control.backend.stage_code.series import Place
 
 _UNROLL = 4
+"""Maximum number of elements for which loops are unrolled."""
 _BLOCK = 8
+"""Terms of a long sum per iteration of its loop."""
 _SIDE_BY_SIDE = 4
-"""Partial sums: a processor adds them up at once. The judge allows for any order of a sum."""
+"""Partial sums of a dot product, which a processor adds in parallel.
+
+The check against the reference interpreter allows for any order of summation.
+"""
 _ARRAYS = (
     "z",
     "given",
@@ -37,7 +42,7 @@ _ARRAYS = (
 
 
 class FunctionBody:
-    """One function while it is written; also where its graph finds its leaves."""
+    """One C function under construction. It maps the reads of the graph to elements of arrays."""
 
     def __init__(
         self,
@@ -50,7 +55,7 @@ class FunctionBody:
         self._places = places
         self._functions = functions
         names = LocalNames(functions.prefix, _names_of_spec(graph))
-        # arrays of the function have their names before values do
+        # the arrays reserve their names first: local values must not shadow them
         for array in _ARRAYS:
             names.reserve(array)
         self.scope = BlockScope(names)
@@ -65,11 +70,11 @@ class FunctionBody:
         )
 
     def lowered(self, roots: Iterable[int]) -> GraphLowering:
-        """The lowering that computes these nodes."""
+        """Returns a lowering that writes the statements that compute these nodes into the body."""
         return GraphLowering(self._graph, list(roots), self, self.scope, self._locals)
 
     def read(self, op: AnyRead, type: Type) -> ArrayView:
-        """The place of a leaf of the graph."""
+        """Returns the view of the array elements that a read of a state or a signal refers to."""
         match op:
             case ReadState(name):
                 place = self._places[name]
@@ -80,7 +85,7 @@ class FunctionBody:
         return ArrayView(Name(place.array), type.shape, place.strides, Index(place.first))
 
     def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
-        """Never called: derivatives read whole windows."""
+        """Raises an error: derivatives read whole windows and have no buffers to shift."""
         raise AssertionError("derivatives have no windows of buffers")
 
     def write(
@@ -89,8 +94,12 @@ class FunctionBody:
         moved: Mapping[NodeId, NodeId],
         results: Sequence[tuple[NodeId, ArrayView]] = (),
     ) -> None:
-        """Results, and the entries that the arrays have; `moved` says which nodes these are."""
-        wanted = [
+        """Writes statements that store `results` and the entries of `matrices` in their arrays.
+
+        `moved` maps nodes of matrix blocks to nodes of this graph; other blocks are skipped.
+        `results` are pairs of a node and the view of an array to store it in.
+        """
+        stored = [
             (
                 placed,
                 [
@@ -101,27 +110,28 @@ class FunctionBody:
             )
             for placed in matrices
         ]
-        entries = [node for _, blocks in wanted for _, node in blocks]
+        entries = [node for _, blocks in stored for _, node in blocks]
         lowered = self.lowered([*(node for node, _ in results), *entries])
         for node, view in results:
             lowered.store(node, view)
-        for placed, blocks in wanted:
+        for placed, blocks in stored:
             self._write_known(placed)
             for block, node in blocks:
                 for part, view in placed.parts(block, lowered.value(node)):
                     lowered.store_part(node, part, view)
 
     def _shape(self, node: NodeId) -> tuple[int, ...]:
+        """Returns the shape of the value of a node."""
         return self._graph[node].type.shape
 
     def _write_known(self, placed: PlacedMatrix) -> None:
-        """Entries that are always the same number."""
+        """Writes the constant entries of a matrix into its array, zeros included."""
         first, last = placed.first, placed.last
         if first == last:
             return
         place = ArrayView(Name(placed.array), (last,), (1,))
-        # all entries become 0 first, also those that are written below: a loop is shorter than a
-        # list of those that stay 0
+        # all entries are set to 0 first, even those that are written below: one loop is shorter
+        # than one statement for each entry that stays 0
         with self.scope.loop(last - first) as (index, inner):
             inner.assign(place.element([index.plus(Index(first))]), Real(0.0))
         for number, value in placed.known().items():
@@ -130,10 +140,13 @@ class FunctionBody:
     def finished(
         self, name: str, real: str, read: tuple[str, ...], written: tuple[str, ...], doc: str
     ) -> Function:
-        """`<prefix>_<name>(const real *read…, real *written…)`."""
+        """Returns the static C function `<prefix>_<name>(const real *read…, real *written…)`.
+
+        Its body is the statements written so far.
+        """
         statements = self.scope.statements
         constants = self._locals.constants(statements)
-        # C compilers warn of arguments that nothing reads
+        # C compilers warn of unused arguments
         used = used_names(statements)
         unused = [Discard(array) for array in (*read, *written) if array not in used]
         arguments = (
@@ -153,7 +166,7 @@ class FunctionBody:
 
 
 def vector_places(array: str, vector: Vector) -> dict[str, Place]:
-    """The place where each quantity of a vector begins in its array."""
+    """Returns the place of each quantity, by name, in the array that holds the vector."""
     return {
         member.name: Place(array, member.first, c_strides(Type(member.axes).shape))
         for member in vector.members
@@ -161,11 +174,12 @@ def vector_places(array: str, vector: Vector) -> dict[str, Place]:
 
 
 def part(array: str, type: Type, first: int) -> ArrayView:
-    """Numbers of that type in an array, from `first` on."""
+    """Returns a view of an array from index `first` on, with the shape of `type`."""
     return ArrayView(Name(array), type.shape, c_strides(type.shape), Index(first))
 
 
 def _names_of_spec(graph: Graph) -> Iterator[str]:
+    """Yields the names that the spec gives to nodes and constants of the graph."""
     for node in graph.nodes:
         if node.label:
             yield node.label

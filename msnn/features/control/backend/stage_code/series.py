@@ -1,7 +1,7 @@
-"""Lays the plan of a condensed controller out as series, one for each number, in order of time.
+"""Lays the plan of a condensed controller out as time series, one per scalar state or control.
 
-The number of a state or a control has a series s[−past] … s[N]. A stage k reads s[k − lag], at the
-place of lag behind its own beginning k, so that its windows are parts of the series.
+A scalar has the series s[−L] … s[N] over the horizon N, where L is its longest lag. Stage k reads
+s[k − lag]; a window of past samples is a contiguous part of the series, so nothing is copied.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from msnn.features.control.problem.optimal_control.window_form import Sample, Wi
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The place of a quantity: element (i, j, …) at first + Σ stride · index of an array."""
+    """The location of a quantity: element (i, j, …) is array element first + Σ stride · index."""
 
     array: str
     first: int
@@ -25,46 +25,51 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """The beginning of each series; those of states come first, then those of controls."""
+    """The layout of all series in one array `z`: those of states first, then those of controls."""
 
     form: WindowForm
     horizon: int
     firsts: tuple[int, ...]
+    """The array index of the oldest sample of each series."""
     now: tuple[int, ...]
-    """Where the sample of k = 0 is in each."""
+    """The array index of the sample at stage 0 of each series."""
     size: int
+    """The number of samples of all series together."""
 
     def place(self, sample: Sample) -> int:
-        """The place of a sample in its series."""
-        # that of stage 0: stage k adds k, whatever the sample
+        """Returns the array index of a sample that stage 0 reads; for stage k add k."""
         return self.now[self._number(sample)] - sample.lag
 
     @property
     def lasts(self) -> tuple[int, ...]:
-        """The last sample that a shift replaces: of controls the one before the last decided."""
+        """The array index of sample N of each state and of sample N − 1, the last, of each control.
+
+        Shifting the plan by one sample copies z[j + 1] to z[j] for all earlier j of the series.
+        """
         n, states = self.horizon, self.form.states
         return tuple(at + n - (number >= states) for number, at in enumerate(self.now))
 
     def of_memory(self) -> tuple[int, ...]:
-        """The place of each number of x."""
+        """Returns the array index at stage 0 of each element of x."""
         return tuple(self.place(sample) for sample in self.form.memory)
 
     def control(self, number: int) -> int:
-        """The place of a control."""
+        """Returns the array index at stage 0 of element `number` of u."""
         return self.now[self.form.states + number]
 
     def _number(self, sample: Sample) -> int:
+        """Returns the index of the series of a sample."""
         return sample.number + (self.form.states if sample.is_control else 0)
 
 
 def series_of(problem: ControlProblem, form: WindowForm) -> Series:
-    """The series of a problem."""
+    """Computes the layout of the series of a problem in window form."""
     count = form.states + problem.controls.size
     past = [0] * count
     for sample in form.memory:
         number = sample.number + (form.states if sample.is_control else 0)
         past[number] = max(past[number], sample.lag)
-    # as many samples of the past as the longest lag reads
+    # past samples up to the longest lag, then the samples of stages 0 … N
     lengths = [length + problem.horizon + 1 for length in past]
     firsts = tuple(sum(lengths[:number]) for number in range(count))
     now = tuple(first + length for first, length in zip(firsts, past, strict=True))
@@ -72,21 +77,21 @@ def series_of(problem: ControlProblem, form: WindowForm) -> Series:
 
 
 def places_in_series(problem: ControlProblem, series: Series) -> dict[str, Place]:
-    """The places of states and controls as a stage finds them."""
+    """Returns the place of each state and control at stage 0, by name."""
     at = series.of_memory()
-    found: dict[str, Place] = {}
+    places: dict[str, Place] = {}
     for member in problem.states.members:
-        found[member.name] = _place(Type(member.axes).shape, at[member.first :])
+        places[member.name] = _place(Type(member.axes).shape, at[member.first :])
     for member in problem.controls.members:
         numbers = range(member.first, member.first + member.size)
-        found[member.name] = _place(Type(member.axes).shape, [series.control(i) for i in numbers])
-    return found
+        places[member.name] = _place(Type(member.axes).shape, [series.control(i) for i in numbers])
+    return places
 
 
 def _place(shape: tuple[int, ...], at: tuple[int, ...] | list[int]) -> Place:
-    """The place of a quantity whose numbers, in C order, stand at these places."""
+    """Returns the place of a quantity from the array indices of its elements in C order."""
     steps = c_strides(shape)
-    # buffers keep whole signals: the numbers of one have series of one length, and one stride
+    # the elements of one signal have series of equal length, so that one stride per axis suffices
     strides = tuple(
         at[step] - at[0] if size > 1 else 0 for size, step in zip(shape, steps, strict=True)
     )

@@ -1,4 +1,4 @@
-"""Writes the functions of one stage in C: its values, and their slopes and curvature."""
+"""Writes the C functions of one stage: one for its values, one for their Jacobian and Hessian."""
 
 from __future__ import annotations
 
@@ -21,26 +21,29 @@ from msnn.features.control.backend.value_at_zero import Zeros, values_at_zero
 
 @dataclass(frozen=True, slots=True)
 class StageArrays:
-    """The layout of the solver's arrays."""
+    """The layout of the solver's C arrays that the functions of a stage read and write."""
 
     variables: Mapping[str, Place]
-    """Where a stage finds states and controls."""
+    """The place of each state and control, by name."""
     results: Mapping[str, int]
-    """Where the first number of each result stands among those of any stage."""
+    """The index of the first element of each result in the array `results`, by name."""
     given: Vector
-    """Disturbances and references."""
+    """Disturbances and references of a stage, stacked in the array `given`."""
     slopes: PlacedMatrix
     curvature: PlacedMatrix
     steady: Zeros = field(default_factory=dict[str, tuple[bool, ...]])
-    """Numbers of states in which the results are linear with slopes that stay the same."""
+    """For each state, marks of the elements whose columns of the Jacobian are constant.
+
+    Constant means equal at all stages: the results are linear in these elements.
+    """
 
     @property
     def places(self) -> dict[str, Place]:
-        """The places of all that values read."""
+        """The places of states, controls, disturbances and references, by name."""
         return {**self.variables, **vector_places("given", self.given)}
 
     def wanted(self, graph: Graph) -> list[NodeId]:
-        """The nodes of which the arrays have entries."""
+        """Returns the nodes whose entries of the Jacobian or Hessian the arrays hold."""
         return [
             block.node
             for placed in (self.slopes, self.curvature)
@@ -51,30 +54,38 @@ class StageArrays:
 
 @dataclass(frozen=True, slots=True)
 class PlacedLimit:
-    """Limits of rows that follow each other: one number for all of them, or one each."""
+    """A node with the limits of `size` consecutive rows: one for all rows, or one per row.
+
+    Row r has the minimum at index 2 r of the array `limit` and the maximum at 2 r + 1.
+    """
 
     node: NodeId
     first_side: int
+    """The index of the first row's limit in the array `limit`."""
     size: int
 
 
 @dataclass(frozen=True, slots=True)
 class StageFunctions:
-    """The two functions of a stage, and how many numbers one leaves for the other."""
+    """The two C functions of a stage and facts that the solver's templates depend on."""
 
     values: Function
     slopes: Function
     kept: int
+    """Number of intermediate values that `values` saves for `slopes`."""
     can_be_infinite: bool
-    """Whether slopes can be infinite where variables are finite."""
+    """True if a derivative can be infinite at finite states and controls."""
     can_end: bool
-    """Values can be NaN or infinite where variables are finite, however far."""
+    """True if a value can be NaN or infinite at finite, but maybe large, states and controls."""
     lacks_steady: bool
-    """Whether the values are those without what steady slopes say."""
+    """True if `values` omits terms with constant Jacobian columns; the solver then adds them."""
 
 
 class StageWriter:
-    """Writes functions that share prefix, kernels and type."""
+    """Writes the functions of stages that share a C prefix, kernels and a floating-point type.
+
+    `most_factors` is the argument of `can_end`.
+    """
 
     def __init__(
         self,
@@ -89,11 +100,15 @@ class StageWriter:
         self._most_factors = most_factors
 
     def stage(self, name: str, found: StepDerivatives, arrays: StageArrays) -> StageFunctions:
-        """`<prefix>_<name>value` and `<prefix>_<name>slopes` of these derivatives."""
-        # what slopes take from the values is kept, not computed twice
+        """Writes `<prefix>_<name>value` and `<prefix>_<name>slopes` of a stage.
+
+        The first stores the results; the second their Jacobian and the Hessian of
+        Σ weight · result.
+        """
+        # costly intermediate values are saved for the derivatives, not computed twice
         cut = cut_at_values(found, arrays.wanted(found.graph))
         types = [found.graph[node].type for node in cut.kept]
-        # kept values lie one after the other in `kept`, which the values write and the slopes read
+        # saved values lie one after the other in the array `kept`
         firsts = [sum(type.size for type in types[:number]) for number in range(len(types))]
         places = dict(arrays.places)
         for number, (first, type) in enumerate(zip(firsts, types, strict=True)):
@@ -102,11 +117,11 @@ class StageWriter:
             if result in found.values:
                 shape = found.graph[found.values[result]].type.shape
                 places[multiplier(result)] = Place("weight", first, c_strides(shape))
-        # numbers of steady slopes are left out of the values, which other code adds
+        # terms with constant Jacobian columns are omitted from the values: the solver adds them
         lean = None
         if any(any(numbers) for numbers in arrays.steady.values()):
-            wanted = [*found.values.values(), *cut.kept]
-            lean = values_at_zero(found.graph, wanted, cut.kept, arrays.steady)
+            roots = [*found.values.values(), *cut.kept]
+            lean = values_at_zero(found.graph, roots, cut.kept, arrays.steady)
         graph, moved = lean or (found.graph, {node: node for node, _ in found.graph})
         return StageFunctions(
             self._values(f"{name}value", found, cut, (graph, moved), places, firsts, arrays),
@@ -118,27 +133,30 @@ class StageWriter:
         )
 
     def steady(self, found: StepDerivatives, arrays: StageArrays, placed: PlacedMatrix) -> Function:
-        """`<prefix>_steady`: the slopes that are the same at all stages."""
+        """Writes `<prefix>_steady`: it computes Jacobian columns that are equal at all stages."""
         body = FunctionBody(found.graph, self._functions, self._formulas, arrays.places)
         body.write((placed,), {node: node for node in placed.matrix.nodes})
         doc = "Computes the slopes of a stage's results that stay the same along the horizon."
         return body.finished("steady", self._real, ("given",), ("steady",), doc)
 
     def limits(self, graph: Graph, limits: Sequence[PlacedLimit], given: Vector) -> Function:
-        """`<prefix>_limits`: the limits of a stage, by their sides."""
+        """Writes `<prefix>_limits`, which computes limits from the references of a stage.
+
+        The array `limit` has the minimum of row r at index 2 r and its maximum at 2 r + 1.
+        """
         body = FunctionBody(graph, self._functions, self._formulas, vector_places("given", given))
         lowered = body.lowered([limit.node for limit in limits])
         for limit in limits:
             type = graph[limit.node].type
             if type.size == 1:
-                # one number for all rows is stored at each of them
+                # one scalar limit for all rows is stored once per row
                 for number in range(limit.size):
                     place = Index(limit.first_side + 2 * number)
-                    # a stride of 0 along every axis: the one element has the place as its own
+                    # strides of 0: the value has one element
                     zeros = (0,) * len(type.shape)
                     lowered.store(limit.node, ArrayView(Name("limit"), type.shape, zeros, place))
                 continue
-            # a row has two sides, one beside the other: its limits stand at every second place
+            # minimum and maximum alternate, so that the limits of one side have twice the stride
             strides = tuple(2 * stride for stride in c_strides(type.shape))
             place = ArrayView(Name("limit"), type.shape, strides, Index(limit.first_side))
             lowered.store(limit.node, place)
@@ -148,18 +166,23 @@ class StageWriter:
     def _values(
         self,
         name: str,
-        found: StepDerivatives,
+        derivatives: StepDerivatives,
         cut: CutGraph,
         lean: tuple[Graph, Mapping[NodeId, NodeId]],
         places: Mapping[str, Place],
         firsts: list[int],
         arrays: StageArrays,
     ) -> Function:
+        """Writes the values function: it stores the results and the intermediate values to save.
+
+        `lean` has the graph of the values and maps nodes of `derivatives.graph` to its nodes.
+        `firsts` has the index of each saved value in the array `kept`.
+        """
         graph, moved = lean
         body = FunctionBody(graph, self._functions, self._formulas, places)
-        lowered = body.lowered([moved[node] for node in (*found.values.values(), *cut.kept)])
-        for member in found.results.members:
-            node = moved[found.values[member.name]]
+        lowered = body.lowered([moved[node] for node in (*derivatives.values.values(), *cut.kept)])
+        for member in derivatives.results.members:
+            node = moved[derivatives.values[member.name]]
             place = part("results", graph[node].type, arrays.results[member.name])
             lowered.store(node, place)
         for node, first in zip(cut.kept, firsts, strict=True):
@@ -170,11 +193,12 @@ class StageWriter:
     def _slopes(
         self,
         name: str,
-        found: StepDerivatives,
+        derivatives: StepDerivatives,
         cut: CutGraph,
         places: Mapping[str, Place],
         arrays: StageArrays,
     ) -> Function:
+        """Writes the derivatives function: it stores entries of the Jacobian and of the Hessian."""
         body = FunctionBody(cut.slopes, self._functions, self._formulas, places)
         matrices = (arrays.slopes, arrays.curvature)
         body.write(matrices, cut.moved)

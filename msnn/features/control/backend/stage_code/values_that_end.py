@@ -1,7 +1,9 @@
-"""Finds whether a value can be NaN or infinite at numbers that a plan may try.
+"""Checks if a value of a stage can be NaN or infinite at states and controls the solver may try.
 
-A plan leaves the ranges that a spec declares on its way: of roots, quotients and powers counts what
-they are made of, and of products how many factors change with the plan.
+Iterates may leave the ranges that a spec declares, so these do not count. The check bounds the
+growth of every value by a power of the states and controls: products add the exponents of their
+factors. Square roots, quotients, logarithms and powers are finite only where the signs of their
+operands guarantee it.
 """
 
 from __future__ import annotations
@@ -16,26 +18,27 @@ from compiler.ir.rules.infinite_values import InfiniteValues, Sign
 
 _BOUNDED = frozenset({"atan", "atan2", "tanh", "sigmoid", "sign"})
 _AS_LARGE = frozenset({"abs", "softplus", "sin", "cos"})
-"""At most as large; sin and cos are NaN where their argument overflows."""
+"""Functions that grow at most as their argument does; sin and cos are NaN if it overflows."""
 _NOT_BELOW = (Sign.NOT_NEGATIVE, Sign.POSITIVE)
 
 
 def can_end(graph: Graph, roots: Iterable[NodeId], most_factors: float) -> bool:
-    """Tells if a root is not finite somewhere, where products of `most_factors` numbers are.
+    """Returns True if a root may be NaN or infinite.
 
-    Every value grows at most as a power of what the stage reads: the exponent is counted, ∞ for
-    what has no value somewhere or grows faster than any power.
+    That is so if its exponent of growth exceeds `most_factors`, the number of largest possible
+    factors whose product is still finite. The exponent is ∞ for values that are undefined
+    somewhere or grow faster than any power.
     """
     signs = InfiniteValues(NodeStore(graph))
     factors: list[float] = []
     for _, node in graph:
-        # operands stand before their users
+        # operands precede their users
         factors.append(_factors(graph, node, [factors[arg] for arg in node.args], signs))
     return any(factors[root] > most_factors for root in roots)
 
 
 def _factors(graph: Graph, node: Node, of: list[float], signs: InfiniteValues) -> float:
-    """The exponent of one value; 0 where it is the same whatever is read."""
+    """Returns a value's exponent of growth from those of its operands, `of`; 0 if constant."""
     match node.op:
         case ops.ReadSignal() | ops.ReadLog() | ops.ReadState() | ops.Window():
             return max([1.0, *of])
@@ -50,20 +53,20 @@ def _factors(graph: Graph, node: Node, of: list[float], signs: InfiniteValues) -
         case ops.Compare():
             return 0.0
         case ops.Clamp() | ops.Select():
-            # what is cut is within its limits, and NaN where it was
+            # of[0], the clamped value or the condition, matters only if it can be NaN
             return max(of) if math.inf in of else max(of[1:])
         case _:
             return max(of, default=0.0)
 
 
 def _of_function(graph: Graph, node: Node, of: list[float], sign: Sign) -> float:
-    """The exponent of a scalar function; `sign` is that of its first argument."""
+    """Returns the exponent of growth of a scalar function; `sign` is that of its first argument."""
     assert isinstance(node.op, ops.Apply)
     function = node.op.function
     if math.inf in of:
         return math.inf
     if function in _BOUNDED:
-        # not 0: it may be 0 itself, and divide
+        # not 0, the exponent of constants: a bounded value can be 0 and a divisor
         return 1.0
     if function in _AS_LARGE:
         return of[0]

@@ -1,1 +1,4 @@
-"""Brings a problem into the form that a solver takes, staged or condensed."""
+"""Brings an optimal control problem into the form of its solver: staged or condensed.
+
+Staged solves by a Riccati recursion over the stages; condensed eliminates the states.
+"""

@@ -1,4 +1,4 @@
-"""Lists where the blocks of a horizon are, over which controls stay the same."""
+"""Tabulates the blocks of a horizon (move blocking): samples over which controls stay constant."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 
 def block_tables(problem: ControlProblem) -> dict[str, object]:
-    """Tables for the templates; `held` is whether any block has more than one sample."""
+    """Returns index tables for the templates; `held` is False if every block is one sample."""
     if not problem.has_blocks:
         return {"held": False}
-    # block_starts counts up by one at the first stage of each block
+    # block_starts is True at the first stage of each block: its sum counts the blocks
     block = np.cumsum(block_starts(problem)) - 1
     decided = (0, *((block + 1) * problem.controls.size).tolist())
     return {

@@ -1,8 +1,8 @@
-"""Sorts the numbers that a stage reads by how its slopes and its curvature depend on them.
+"""Sorts the elements of (x, u) by their part in the Jacobian and Hessian of a condensed stage.
 
-Numbers with a curvature come first, then others whose slopes change from stage to stage, at last
-those whose slopes are the same along the horizon: of a filter of past controls nearly all. The
-slopes of these are computed once a solve, and none of them needs a place in a Hessian.
+First come elements with a row in the Hessian. Then come others whose Jacobian columns change from
+stage to stage. Last come elements with columns that are constant along the horizon; past controls
+that an FIR filter reads are the typical case. Constant columns are computed once per solve.
 """
 
 from __future__ import annotations
@@ -21,60 +21,69 @@ from msnn.features.control.backend.structure.stages import Stages, numbers_of
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 _NARROW = 4
-"""Numbers of a bounded row that are taken into the curvature for its sake."""
+"""Maximum number of variables of a path constraint for which all of them enter the Hessian.
+
+The barrier of such a constraint is then added to the Hessian of its stage.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Classes:
-    """The order of the numbers of (x, u), and how many are of each class."""
+    """The order of the elements of (x, u), sorted by class, and the size of each class."""
 
     order: tuple[int, ...]
+    """The index in (x, u) of each sorted element."""
     curved: int
+    """Number of elements in the Hessian."""
     moving: int
+    """Number of elements in the Hessian or with varying Jacobian columns."""
     narrow: tuple[bool, ...]
-    """Of each row, whether all that it depends on has a curvature."""
+    """For each bounded row, True if all variables that it depends on are in the Hessian."""
     steady: tuple[bool, ...]
-    """Of each result, whether it has slopes in numbers of the last class."""
+    """For each result element, True if it depends on elements with constant columns."""
 
     @property
     def plain(self) -> int:
-        """The count of variables that have the same slopes along the horizon."""
+        """The number of elements of (x, u) with Jacobian columns constant along the horizon."""
         return len(self.order) - self.moving
 
 
 def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
-    """The classes of a problem."""
+    """Sorts the elements of (x, u) of a condensed problem into classes.
+
+    `stages` has the derivatives that decide on the class.
+    """
     nx, nu = problem.states.size, problem.controls.size
-    found, end = stages.stage, stages.terminal
-    columns, at_end = (numbers_of(problem, each.variables) for each in (found, end))
+    stage, end = stages.stage, stages.terminal
+    columns, at_end = (numbers_of(problem, each.variables) for each in (stage, end))
     jacobian = np.zeros((stages.size, nx + nu), np.bool_)
-    of_results = [stages.results[m.name] + i for m in found.results.members for i in range(m.size)]
-    jacobian[np.array(of_results, np.int64)[:, None], columns] = _entries(found.jacobian)
-    assert found.hessian is not None
+    of_results = [stages.results[m.name] + i for m in stage.results.members for i in range(m.size)]
+    jacobian[np.array(of_results, np.int64)[:, None], columns] = _entries(stage.jacobian)
+    assert stage.hessian is not None
     assert end.hessian is not None
     curved = np.zeros(nx + nu, np.bool_)
-    curved[columns] = _entries(found.hessian).any(axis=0)
+    curved[columns] = _entries(stage.hessian).any(axis=0)
     curved[at_end] |= _entries(end.hessian).any(axis=0)
-    # controls always have curvature: limits add to it
+    # controls are always in the Hessian: the barriers of their limits add to it
     curved[nx:] = True
-    # rates couple a control with the state that holds it
+    # limits of rates couple a control with the state that holds its previous value
     for rate in rows.rates:
         curved[rate.before] = True
-    # results after the cost are bounded values; rows before theirs are of controls and rates
+    # results after the cost are bounded values; rows before theirs belong to controls and rates
     first = len(rows.rows) - (stages.size - stages.results[problem.stage] - 1)
     of_paths = jacobian[stages.results[problem.stage] + 1 :]
     for row in of_paths:
-        # rows of few numbers are cheaper in the Hessian than as rows of their own
+        # a constraint of few variables is cheaper in the Hessian than as a separate row
         if np.count_nonzero(row) <= _NARROW:
             curved |= row
     narrow = (True,) * first + tuple(bool(np.all(curved[row])) for row in of_paths)
     moving = curved.copy()
-    # the end has a function of its own: what it reads has other slopes there
+    # the end of the horizon has other functions, so that its columns differ from those of stages
     moving[at_end] |= _entries(end.jacobian).any(axis=0)
-    moving[columns] |= _moving_columns(problem, found.graph, found.jacobian)
+    moving[columns] |= _moving_columns(problem, stage.graph, stage.jacobian)
     kinds = np.where(curved, 0, np.where(moving, 1, 2))
     kinds[nx:] = 0
-    # a stable order: numbers of a class stay in theirs
+    # a stable sort keeps the order within each class
     order = tuple(int(i) for i in np.argsort(kinds, kind="stable"))
     count = int(np.count_nonzero(moving))
     plain = list(order[count:])
@@ -83,26 +92,27 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
 
 
 def _entries(matrix: Matrix) -> NDArray[np.bool_]:
-    """The mask of the entries that are not always 0."""
-    # None, a number that is computed, counts too
+    """Returns the mask, of the matrix's shape, of entries that are not constantly 0."""
+    # None marks a computed entry, which counts too
     return np.array([number != 0 for number in matrix.known], np.bool_).reshape(matrix.shape)
 
 
 def _moving_columns(problem: ControlProblem, graph: Graph, jacobian: Matrix) -> NDArray[np.bool_]:
-    """The columns with an entry that is computed of what changes along the horizon."""
+    """Returns the mask of Jacobian columns with an entry that changes along the horizon."""
     moves = _moving_nodes(problem, graph)
-    found = np.zeros(jacobian.shape[1], np.bool_)
+    mask = np.zeros(jacobian.shape[1], np.bool_)
     for block in jacobian.blocks:
         if block.node in moves:
             entries = block.places(graph[block.node].type.shape).ravel()
             known = [jacobian.known[entry] is None for entry in entries]
             # entries are numbered row by row
-            found[entries[known] % jacobian.shape[1]] = True
-    return found
+            mask[entries[known] % jacobian.shape[1]] = True
+    return mask
 
 
 def _moving_nodes(problem: ControlProblem, graph: Graph) -> set[NodeId]:
-    # what is the same along the horizon moves no slope
+    """Returns the nodes whose values can change from stage to stage."""
+    # held disturbances and references are constant along the horizon
     held = {m.name for m in _given(problem)} - problem.previewed
     moves: set[NodeId] = set()
     for index, node in graph:
@@ -115,4 +125,5 @@ def _moving_nodes(problem: ControlProblem, graph: Graph) -> set[NodeId]:
 
 
 def _given(problem: ControlProblem) -> Iterable[Member]:
+    """Returns the disturbances and references of a problem."""
     return (*problem.disturbances.members, *problem.references.members)

@@ -1,4 +1,4 @@
-"""Brings a problem into the form without states: what is decided are the controls alone."""
+"""Brings a problem into condensed form: states are eliminated and only controls are decided."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ from msnn.features.control.problem.optimal_control.window_form import Sample, wi
 
 
 def condensed_form(problem: ControlProblem, rows: Rows) -> Form:
-    """A stage reads its numbers out of series, of which windows are parts."""
+    """Builds the condensed form of a problem.
+
+    The plan is stored as time series (`series`); a stage reads states, controls and windows from
+    them.
+    """
     form = window_form(problem)
     series = series_of(problem, form)
     own = [name for name in form.names if next_value(name) in form.results]
@@ -55,6 +59,7 @@ def condensed_form(problem: ControlProblem, rows: Rows) -> Form:
 
 
 def _places(problem: ControlProblem, series: Series) -> tuple[int, ...]:
+    """Returns the index in the array `z` of each element of (x, u) at stage 0."""
     controls = (series.control(number) for number in range(problem.controls.size))
     return (*series.of_memory(), *controls)
 
@@ -62,7 +67,8 @@ def _places(problem: ControlProblem, series: Series) -> tuple[int, ...]:
 def _shapes(
     problem: ControlProblem, series: Series, stages: Stages, classes: Classes
 ) -> dict[str, tuple[int, ...]]:
-    # stages 0 … N, the last the end of the horizon
+    """Returns the shapes of the solver's arrays that differ between the structures, by name."""
+    # stages 0 … N; stage N is the end of the horizon
     count, states = problem.horizon + 1, series.form.states
     nu = problem.controls.size
     decided = len(problem.blocks) * nu
@@ -88,6 +94,7 @@ def _shapes(
 def _tables(
     problem: ControlProblem, rows: Rows, series: Series, classes: Classes
 ) -> dict[str, object]:
+    """Returns the sizes and index tables that the templates of a condensed solver read."""
     form, nu = series.form, problem.controls.size
     samples = [*form.memory, *(Sample(is_control=True, number=i, lag=0) for i in range(nu))]
     read = [samples[number] for number in classes.order]
@@ -120,11 +127,11 @@ def _tables(
 
 
 def _runs(samples: Sequence[Sample]) -> tuple[list[int], list[int]]:
-    """The beginnings and ends of runs of samples of one number that follow each other."""
+    """Returns the start and end indices of runs of consecutive samples of one scalar signal."""
     begins = [
         at
         for at, sample in enumerate(samples)
-        # a run ends where the next number is not the sample before of the same series
+        # a run continues while the lag decreases by one within the same series
         if at == 0 or replace(samples[at - 1], lag=samples[at - 1].lag - 1) != sample
     ]
     return begins, [*begins[1:], len(samples)][: len(begins)]
@@ -134,16 +141,20 @@ def _arrays(
     problem: ControlProblem,
     series: Series,
     stages: Stages,
-    found: StepDerivatives,
+    derivatives: StepDerivatives,
     results: Mapping[str, int],
     classes: Classes,
 ) -> StageArrays:
-    of_results = [results[m.name] + i for m in found.results.members for i in range(m.size)]
-    at = _positions(problem, found, classes)
-    assert found.hessian is not None
+    """Returns the array layout of the stage, or end of the horizon, with these derivatives.
+
+    The array `slopes` has the varying Jacobian columns alone.
+    """
+    of_results = [results[m.name] + i for m in derivatives.results.members for i in range(m.size)]
+    at = _positions(problem, derivatives, classes)
+    assert derivatives.hessian is not None
     curved, moving = classes.curved, classes.moving
-    # numbers are ordered by what is known of them: those with curvature come first, then those
-    # whose slopes change, then those whose slopes stay
+    # variables are sorted by class: those in the Hessian first, then those with varying Jacobian
+    # columns, then those with constant columns
     columns = np.where(at < curved, at, NOWHERE)
     first, last = (min(of_results), max(of_results) + 1) if of_results else (0, 0)
     return StageArrays(
@@ -152,8 +163,8 @@ def _arrays(
         given=stages.given,
         slopes=PlacedMatrix(
             "slopes",
-            found.jacobian,
-            # where each row begins in a flat array whose rows are `moving` long
+            derivatives.jacobian,
+            # the array index of each row: rows have `moving` elements
             np.array(of_results, int) * moving,
             np.where(at < moving, at, NOWHERE),
             first * moving,
@@ -161,7 +172,7 @@ def _arrays(
         ),
         curvature=PlacedMatrix(
             "curvature",
-            found.hessian,
+            derivatives.hessian,
             np.where(columns >= 0, columns * curved, NOWHERE),
             columns,
             0,
@@ -171,17 +182,18 @@ def _arrays(
 
 
 def _steady(problem: ControlProblem, stages: Stages, classes: Classes) -> PlacedMatrix:
-    found = stages.stage
-    of_results = [stages.results[m.name] + i for m in found.results.members for i in range(m.size)]
-    at = _positions(problem, found, classes)
+    """Returns the layout of the array `steady` of constant Jacobian columns."""
+    stage = stages.stage
+    of_results = [stages.results[m.name] + i for m in stage.results.members for i in range(m.size)]
+    at = _positions(problem, stage, classes)
     columns = np.where(at >= classes.moving, at - classes.moving, NOWHERE)
     rows = np.array(of_results, int) * classes.plain
     size = stages.size * classes.plain
-    return PlacedMatrix("steady", found.jacobian, rows, columns, 0, size, takes_zeros=False)
+    return PlacedMatrix("steady", stage.jacobian, rows, columns, 0, size, takes_zeros=False)
 
 
 def _steady_numbers(problem: ControlProblem, classes: Classes) -> dict[str, tuple[bool, ...]]:
-    """The numbers of each state whose slopes are the same along the horizon, as marks."""
+    """Returns for each state the mask of its elements whose Jacobian columns are constant."""
     steady = set(classes.order[classes.moving :])
     return {
         m.name: tuple(m.first + i in steady for i in range(m.size)) for m in problem.states.members
@@ -189,9 +201,9 @@ def _steady_numbers(problem: ControlProblem, classes: Classes) -> dict[str, tupl
 
 
 def _positions(
-    problem: ControlProblem, found: StepDerivatives, classes: Classes
+    problem: ControlProblem, derivatives: StepDerivatives, classes: Classes
 ) -> NDArray[np.int64]:
-    """The position of each variable of the derivatives among the numbers that a stage reads."""
+    """Returns the position in the order of `classes` of each variable of the derivatives."""
     # argsort of a permutation is its inverse
     position = np.argsort(np.array(classes.order))
-    return position[numbers_of(problem, found.variables)]
+    return position[numbers_of(problem, derivatives.variables)]

@@ -1,4 +1,4 @@
-"""Says what a structure of the solver decides: its derivatives, arrays and tables."""
+"""Defines the data that differ between staged and condensed solvers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from msnn.features.control.problem.optimal_control.structure import Chosen
 
 @dataclass(frozen=True, slots=True)
 class PlanLayout:
-    """The layout of a controller's plan: number i of (x, u) at stage k in z[places[i] + step k]."""
+    """The layout of a plan: element i of (x, u) at stage k is z[places[i] + step · k]."""
 
     structure: Chosen
     places: tuple[int, ...]
@@ -23,68 +23,80 @@ class PlanLayout:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Addresses:
-    """The addresses of numbers in templates; each is a text with places for its indices."""
+    """Format strings of C expressions that address elements of the solver's arrays.
+
+    Each has one `{}` per argument.
+    """
 
     stage: str
-    """The numbers of an array that a stage reads, of the array and the stage."""
+    """The part of an array that a stage reads; arguments are the array and the stage."""
     state: str
-    """Where among them a state is."""
+    """The index of state i within that part."""
     memory: str
-    """Where a number of x is."""
+    """The index of element i of x within that part."""
     control: str
+    """The index of control i within that part."""
     measured: str
-    """What was measured of a state."""
+    """The measured value of state i."""
     has_blocks: bool
-    """Whether controls stay the same over several samples."""
+    """True if controls stay constant over several samples (move blocking)."""
 
-    # called by the templates of `mpc/`, with C in place of the numbers
+    # the templates of `mpc/` call these; arguments are C expressions
     def of_stage(self, array: str, k: str) -> str:
+        """Returns the C expression of the part of an array that stage k reads."""
         return self.stage.format(array, k)
 
     def of_state(self, i: str) -> str:
+        """Returns the C expression of the index of state i in that part."""
         return self.state.format(i)
 
     def of_memory(self, i: str) -> str:
+        """Returns the C expression of the index of element i of x in that part."""
         return self.memory.format(i)
 
     def of_control(self, i: str) -> str:
+        """Returns the C expression of the index of control i in that part."""
         return self.control.format(i)
 
     def of_measured(self, i: str) -> str:
+        """Returns the C expression of the measured value of state i."""
         return self.measured.format(i)
 
     def of_block(self, k: str) -> str:
-        """The block of a stage."""
+        """Returns the C expression of the block of stage k."""
         return f"BLOCK[{k}]" if self.has_blocks else k
 
     def of_begin(self, block: str) -> str:
-        """The stage at which a block begins."""
+        """Returns the C expression of the first stage of a block."""
         return f"BEGIN[{block}]" if self.has_blocks else block
 
     def of_decided(self, k: str) -> str:
-        """The count of numbers that are decided before a stage."""
+        """Returns the C expression of the number of control elements decided before stage k."""
         return f"DECIDED_BEFORE[{k}]" if self.has_blocks else f"{k} * CONTROLS"
 
     def of_tightest(self, k: str, side: str) -> str:
-        """The stage whose limit holds the control of a stage."""
+        """Returns the C expression of the stage with the tightest limit in the block of stage k."""
         return f"tightest(c, {k}, {side})" if self.has_blocks else k
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """A problem in the form of one structure."""
+    """A problem prepared for one structure of the solver, staged or condensed."""
 
     stages: Stages
     stage: StageArrays
     terminal: StageArrays
     steady: PlacedMatrix | None
-    """Slopes that are the same along the horizon, where the structure tells them apart."""
+    """Jacobian columns that are constant along the horizon; None if the form has none."""
     shapes: Mapping[str, tuple[int, ...]]
-    """Arrays of the solver that hang on the structure."""
+    """Shapes of the solver's arrays that depend on the structure, by name."""
     places_of_memory: tuple[int, ...]
-    """Where a stage finds the numbers of x."""
+    """The index in the array `z` of each element of x at stage 0."""
     newest: tuple[int, ...]
-    """The numbers of x that have gaps from stage to stage."""
+    """Indices of the elements of x that are states of the solver.
+
+    Only these have a gap, the residual of the dynamics, between stages.
+    """
     plan: PlanLayout
     addresses: Addresses
     facts: Mapping[str, Any]

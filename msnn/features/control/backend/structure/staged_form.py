@@ -1,4 +1,4 @@
-"""Brings a problem into the form that a Riccati recursion over the stages solves."""
+"""Brings a problem into staged form, which a Riccati recursion over the stages solves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 
 def staged_form(problem: ControlProblem, rows: Rows) -> Form:
-    """A stage has all numbers of (x, u) side by side."""
+    """Builds the staged form of a problem: the plan is an array (N + 1, nx + nu) of (x, u)."""
     nx, nu = problem.states.size, problem.controls.size
     names = [member.name for member in problem.states.members]
     following = [(next_value(member.name), member.size) for member in problem.states.members]
@@ -32,7 +32,7 @@ def staged_form(problem: ControlProblem, rows: Rows) -> Form:
         terminal=_arrays(problem, stages, stages.terminal, stages.terminal_results),
         steady=None,
         shapes={
-            # the terminal stage has room for controls too, so that all stages have one width
+            # stage N has elements for controls, too, so that all rows have one width
             "z": (count, width),
             "dz": (count, width),
             "gradient": (count, width),
@@ -58,22 +58,28 @@ def staged_form(problem: ControlProblem, rows: Rows) -> Form:
 
 
 def _arrays(
-    problem: ControlProblem, stages: Stages, found: StepDerivatives, results: Mapping[str, int]
+    problem: ControlProblem,
+    stages: Stages,
+    derivatives: StepDerivatives,
+    results: Mapping[str, int],
 ) -> StageArrays:
+    """Returns the array layout of the stage, or end of the horizon, with these derivatives.
+
+    `results` maps each result to its first row in the Jacobian.
+    """
     width = problem.states.size + problem.controls.size
-    # rows of the slopes by where the result stands among all of any stage, which the terminal's
-    # skip
-    of_results = [results[m.name] + i for m in found.results.members for i in range(m.size)]
-    numbers = numbers_of(problem, found.variables)
+    # the end of the horizon has only some of these rows
+    of_results = [results[m.name] + i for m in derivatives.results.members for i in range(m.size)]
+    numbers = numbers_of(problem, derivatives.variables)
     firsts = [(member, member.first) for member in problem.states.members]
     firsts += [(m, problem.states.size + m.first) for m in problem.controls.members]
-    assert found.hessian is not None
+    assert derivatives.hessian is not None
 
     def placed(array: str, rows: Sequence[int] | NDArray[np.int64]) -> PlacedMatrix:
-        matrix = found.jacobian if array == "slopes" else found.hessian
+        """Returns the layout of an array whose matrix rows have these indices."""
+        matrix = derivatives.jacobian if array == "slopes" else derivatives.hessian
         assert matrix is not None
-        # only this stretch is cleared before entries are written: rows between may belong to no
-        # derivative
+        # the part of the array that is set to 0 before entries are written, unused rows included
         first, last = (min(rows) * width, (max(rows) + 1) * width) if len(rows) else (0, 0)
         return PlacedMatrix(array, matrix, np.asarray(rows, int) * width, numbers, first, last)
 

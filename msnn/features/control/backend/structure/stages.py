@@ -1,4 +1,4 @@
-"""Derives what a solver computes of a stage and of the end of the horizon."""
+"""Differentiates the results of a stage and of the end of the horizon for a solver."""
 
 from __future__ import annotations
 
@@ -17,16 +17,18 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 @dataclass(frozen=True, slots=True)
 class Stages:
-    """Derivatives of a stage and of the end, and where each result stands among those of any."""
+    """Derivatives of a stage and of the end of the horizon, and the layout of their results."""
 
     stage: StepDerivatives
     terminal: StepDerivatives
     results: Mapping[str, int]
+    """The index of the first element of each result in the array `results` of a stage."""
     terminal_results: Mapping[str, int]
+    """The indices of the results at N; the terminal cost has the index of the stage cost."""
     size: int
-    """Of the results: next values of states, the cost, bounded values."""
+    """Number of elements of that array: next values of states, the cost, bounded values."""
     given: Vector
-    """Disturbances and references of a stage."""
+    """Disturbances and references of a stage, stacked."""
 
 
 def stages_of_problem(
@@ -36,23 +38,24 @@ def stages_of_problem(
     following: Sequence[tuple[str, int]],
     next_states: Sequence[str],
 ) -> Stages:
-    """The stages; `following` are the results that are next values, with their sizes.
+    """Differentiates the results of a stage and of the end of the horizon.
 
-    Those that are no next state of the program are outputs of it.
+    `following` has name and size of each result that is a next value of a state: a next state of
+    the program or one of its outputs. `next_states` names the states whose next state is a result.
     """
     places: dict[str, int] = {}
     end = 0
     for name, size in following:
         places[name] = end
         end += size
-    # cost and terminal cost share one place: stages then differ in their functions alone
+    # stage cost and terminal cost share one index: the solver treats all stages identically
     cost = end
     places[problem.stage] = cost
     end += 1
     for path in rows.paths:
         places[path.value] = end
         end += problem.type(path.value).size
-    # at the end the terminal cost takes the place of the stage's
+    # the terminal cost replaces the stage cost at the end of the horizon
     of_end = places if problem.terminal is None else {**places, problem.terminal: cost}
     controls = [member.name for member in problem.controls.members]
     outputs = [name for name in places if any(name == output.name for output in program.outputs)]
@@ -69,7 +72,7 @@ def stages_of_problem(
         ),
         terminal=step_derivatives(
             _with_outputs(program, at_end, flat),
-            # no control acts at N: nothing is derived by it there
+            # there is no control at N
             inputs=(),
             next_states=(),
             outputs=at_end,
@@ -89,16 +92,16 @@ def stages_of_problem(
 
 
 def numbers_of(problem: ControlProblem, variables: Vector) -> NDArray[np.int64]:
-    """The number of (x, u) for each number of a vector of states and controls."""
+    """Returns the index in (x, u) of each element of a vector of states and controls."""
     states = {member.name: member.first for member in problem.states.members}
     nx = problem.states.size
     firsts = states | {m.name: nx + m.first for m in problem.controls.members}
-    # `concatenate` refuses to join nothing
+    # `concatenate` needs at least one array
     parts = [firsts[m.name] + np.arange(m.size) for m in variables.members]
     return np.concatenate([*parts, np.empty(0)]).astype(np.int64)
 
 
 def _with_outputs(program: Program, names: Sequence[str], flat: Collection[str]) -> Program:
-    """The program with outputs of these names, then those that are flat."""
+    """Returns the program with only the outputs of these names, then those named in `flat`."""
     more = [o for o in program.outputs if o.name in flat and o.name not in names]
     return replace(program, outputs=(*(program.output(name) for name in names), *more))
