@@ -17,7 +17,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 KNOWN = Path(__file__).with_name("prose_known.txt")
-PAGES = ("*.md", "docs/**/*.md", "examples/*/README.md", "spec_schema/explanations/*.md", "**/decisions.md")
+PAGES = (
+    "*.md",
+    "docs/**/*.md",
+    "examples/*/README.md",
+    "spec_schema/explanations/*.md",
+    "**/decisions.md",
+)
 CODE = ("spec_schema", "compiler", "backends", "msnn")
 LEFT_OUT = {"CHANGELOG.md", "docs/keys.md", "docs/cli.md", "docs/errors.md", "docs/names.md"}
 """The changelog tells of the past; the other pages are generated from docstrings and messages."""

@@ -1,4 +1,4 @@
-"""Solves from sample to sample by the controller that `export --to mpc` writes, compiled here."""
+"""Solves by the C controller of `export --to mpc`, compiled on this computer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from msnn.features.control.run.solution import Status
 
 
 class CompiledMethod:
-    """One instance of the C, in float64; it keeps the plan of its last solve.
+    """One instance of the C controller in float64; it keeps the plan of its last solve.
 
     Raises CompilerMissingError and KernelBuildError.
     """
@@ -62,7 +62,7 @@ class CompiledMethod:
         )
 
     def _within(self, plan: Plan, allowed: ControlRange, applied: Array) -> Plan:
-        """The plan with the control that the C returns, and limits kept in those that follow.
+        """The plan that starts with the returned control, clipped to the limits at later samples.
 
         A plan that is not solved may break limits of rates; the C cuts what it returns back.
         """

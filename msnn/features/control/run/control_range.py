@@ -1,4 +1,4 @@
-"""Keeps controls within their own limits: boxes, and how far they move from sample to sample."""
+"""Keeps controls within their own limits: bounds, and rates from sample to sample."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from msnn.features.control.run.interior_point.horizon_values import RowLimits
 
 
 class ControlRange:
-    """The scaled controls that one solve may return, from what x_0 says was applied before."""
+    """The scaled controls that one solve may return, after the control that x_0 holds."""
 
     def __init__(self, functions: HorizonFunctions, limits: RowLimits, state: Array) -> None:
         n, nu = functions.horizon, functions.controls
@@ -28,12 +28,12 @@ class ControlRange:
 
     @property
     def is_possible(self) -> bool:
-        """Whether any controls keep all limits."""
+        """True if some sequence of controls keeps all limits."""
         low, high = self._reachable
         return bool(np.all(low <= high))
 
     def nearest(self, controls: Array) -> Array:
-        """Controls that keep all limits, each as near as those before it let it be."""
+        """Controls within all limits, each as near to the given one as its predecessors allow."""
         found = np.empty_like(controls)
         before = self._before
         low, high = self._by_block()
@@ -62,11 +62,11 @@ class ControlRange:
         return found
 
     def first(self, control: Array) -> Array:
-        """The control of t that is nearest to this one."""
+        """The allowed control at t that is nearest to this one."""
         return self.nearest(np.tile(control, (len(self._low), 1)))[0]
 
     def violation(self, given: Given, controls: Array) -> float:
-        """The violation of hard limits, scaled, where the controls lead: gaps may hide one."""
+        """The scaled violation of hard limits in a simulation with these controls."""
         functions = self._functions
         if not any(path.hard for path in functions.problem.path_limits):
             return 0.0
@@ -85,7 +85,7 @@ class ControlRange:
         return low, high
 
     def _leads_on(self) -> tuple[Array, Array]:
-        """From where the limits of the samples to come can be reached."""
+        """The ranges from which the limits of all later samples can still be reached."""
         low, high = self._by_block()
         for k in range(len(low) - 2, -1, -1):
             # one sample earlier, as far as one move can make up for

@@ -44,7 +44,7 @@ class Controller:
         x: Mapping[str, ArrayLike] | None = None,
         control: Mapping[str, ArrayLike] | None = None,
     ) -> None:
-        """Forgets plan and memory; `x` are states and `control` what is applied, where known.
+        """Forgets plan and memory; `x` are known states, `control` the applied controls.
 
         Raises ValueError for a name, a shape or a number that cannot be one of them; what is not
         finite then leaves the controller as it was.
@@ -162,7 +162,7 @@ class Controller:
         return found
 
     def _kept(self, status: Status, allowed: ControlRange, found: Found | None = None) -> Solution:
-        """The last control, within its own limits."""
+        """The last control, clipped to its own limits."""
         # the range is in units of the scales
         resting, scale = self._resting(), self._functions.scale_u
         first = allowed.first(resting / scale)

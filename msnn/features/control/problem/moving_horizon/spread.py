@@ -1,4 +1,4 @@
-"""Finds a root of a covariance, of which the window of an estimator begins."""
+"""Factors the covariance with which the window of an estimator begins."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 _KNOWN = 1e-13
-"""Part of a variance below which what is left of it is rounding: it is known by those behind it."""
+"""Relative conditional variance below which the remainder is rounding."""
 
 
 def spread_of(covariance: Array, uncertain: Sequence[int]) -> Array:

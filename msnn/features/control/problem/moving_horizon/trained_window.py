@@ -1,4 +1,4 @@
-"""Puts trained weights into the problem of a window, and decides what leaving a range costs."""
+"""Puts trained weights into the problem of a window, and sets the cost of violating a range."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 from msnn.features.control.problem.optimal_control.trained import size_of_cost, trained
 
 _FAR_OFF = 10.0
-"""Standard deviations by which every measurement of a window may contradict a range that holds."""
+"""Standard deviations by which all measurements may contradict a range before it is violated."""
 
 
 def trained_window(window: WindowProblem, weights: Mapping[str, ArrayLike]) -> ControlProblem:

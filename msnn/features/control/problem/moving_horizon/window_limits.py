@@ -1,4 +1,4 @@
-"""Bounds what is estimated: parameters by `min` and `max`, states by their declared ranges.
+"""Bounds the estimates: parameters by `min` and `max`, states by their declared ranges.
 
 Bounds of parameters are hard: a window whose start and noise are 0 keeps them. A range of a state
 can be left by what the model itself does, so that it is soft by an exact penalty.

@@ -54,14 +54,14 @@ from msnn.features.control.problem.state_estimation.problem import (
 NOISE, SPREAD, STARTS, RUNS = "moving noise", "start spread", "stage starts", "stage runs"
 _STAGE, _TERMINAL = "cost of stage", "cost of end"
 _DRAWN = 10.0
-"""Standard deviations that a measurement is where it is drawn to find the size of costs."""
+"""Standard deviations of drawn measurements, by which the size of costs is estimated."""
 _UNCERTAIN, _NUMBER = "of", "number"
 """Axes of w and v, and of all numbers of ξ."""
 
 
 @dataclass(frozen=True, slots=True)
 class WindowProblem:
-    """The problem, with N+1 stages, and where its data belong; parameters have no values yet."""
+    """The problem of a window with N+1 stages and the places of its data; parameters are free."""
 
     control: ControlProblem
     numbers: Vector
@@ -75,12 +75,12 @@ class WindowProblem:
 
     @staticmethod
     def measured(signal: str) -> str:
-        """The reference that is what was measured of a signal, 0 where nothing was."""
+        """The name of the reference with the measurements of a signal, 0 where there are none."""
         return f"measured {signal}"
 
     @staticmethod
     def seen(signal: str) -> str:
-        """The reference that is 1 where a number of the signal was measured, else 0."""
+        """The name of the reference that is 1 where the signal was measured, element by element."""
         return f"seen {signal}"
 
 
@@ -184,7 +184,7 @@ def _flat(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
 
 
 def _scales(problem: EstimationProblem, window: MovingWindow, program: Program) -> dict[str, float]:
-    """Half of a state's range, else how far noise takes it over the window, else 1."""
+    """Half of a state's range, else its drift by noise over the window, else 1."""
     found: dict[str, float] = {}
     known = {**problem.deviations, **problem.parameters}
     seconds = window.horizon * problem.sample_time

@@ -19,13 +19,13 @@ from msnn.features.control.problem.optimal_control.structure import Chosen, chos
 States = Mapping[str, NDArray[np.float64]]
 """By name (draws, *shape)."""
 USUAL: Mapping[Chosen, float] = {"staged": 144.0, "condensed": 9.0}
-"""The size of a cost that a solver takes as it is: of the two problems of `benchmarks/mpc` on which
+"""The size of a cost that needs no scaling: of the two problems of `benchmarks/mpc` on which
 the constants of each structure were chosen."""
 _DRAWS = 64
 _TRIES = 3
 _STEPS = 16
 _FAR = 10.0
-"""How far a plant is followed, by the scales of its states or its start."""
+"""Limit of a drawn simulation, in scales of the states or in multiples of its initial state."""
 _ROUNDING = 1e-12
 """Of a sum of three costs; a smaller difference of them says nothing."""
 _ONE_NUMBER = 1e-6
@@ -160,14 +160,14 @@ def compared(
 def drawn(
     random: np.random.Generator, rows: int, axes: tuple[Axis, ...], limits: tuple[float, float]
 ) -> NDArray[np.float64]:
-    """Numbers of a quantity between limits, (rows, *shape)."""
+    """Uniform random samples of a quantity between limits, (rows, *shape)."""
     return random.uniform(*limits, (rows, *Type(axes).shape))
 
 
 def _middle_of_vertices(
     before: NDArray[np.float64], at_0: NDArray[np.float64], after: NDArray[np.float64]
 ) -> tuple[float, float] | None:
-    """Where parabolas through (-1, before), (0, at_0) and (1, after) are level, by the draws."""
+    """Vertices of the parabolas through (-1, before), (0, at_0) and (1, after), one per draw."""
     with np.errstate(all="ignore"):
         slope, curvature = after - before, before - 2 * at_0 + after
         least = _ROUNDING * (np.abs(before) + np.abs(at_0) + np.abs(after))
@@ -181,13 +181,13 @@ def _middle_of_vertices(
 
 
 def _spread(costs: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The difference of the largest and the smallest cost of each draw, where it is one."""
+    """The largest minus the smallest cost of each draw, where that is more than rounding."""
     spread: NDArray[np.float64] = np.max(costs, axis=0) - np.min(costs, axis=0)
     return spread[np.isfinite(spread) & (spread > 0)]
 
 
 def _near(states: States, starts: States, far: States) -> States:
-    """The states, of draws that are far out the starts."""
+    """The states, with the initial states in place of those of draws that diverge."""
     is_near = np.ones(_DRAWS, np.bool_)
     for name, values in states.items():
         is_near &= np.all((np.abs(values) <= far[name]).reshape(_DRAWS, -1), axis=1)
@@ -206,7 +206,7 @@ def _around_0(scale: float) -> tuple[float, float]:
 
 
 def _range(problem: ControlProblem, control: ControlLimits) -> tuple[float, float]:
-    """What the bounds of a control leave it, or else its declared range, or its scale around 0."""
+    """The range of a control: by its bounds, else as declared, else its scale around 0."""
     known = problem.program.signal(control.name).range
     low, high = known or _around_0(control.scale)
     ends = (_number(problem, end) for end in (control.limits.minimum, control.limits.maximum))

@@ -1,4 +1,4 @@
-"""Holds what an optimal control problem is solved for, and plans along its horizon, as arrays."""
+"""Holds the data of one optimal control problem and plans along its horizon, as arrays."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Multipliers:
 
 @dataclass(frozen=True, slots=True)
 class LimitsAlong:
-    """The limits along the horizon: ∓∞ where there is none."""
+    """The limits along the horizon: −∞ or +∞ where there is none."""
 
     control_min: Array
     """(N, nu)"""
@@ -74,7 +74,7 @@ def stages_of(problem: ControlProblem, path: PathLimits) -> slice:
 
 
 def block_starts(problem: ControlProblem) -> NDArray[np.bool_]:
-    """(N): whether controls may change at k; where not, u_k = u_{k−1}."""
+    """(N): True where controls may change at sample k; otherwise u_k = u_{k−1}."""
     found = np.zeros(problem.horizon, np.bool_)
     # a block starts where those before it end
     found[np.cumsum((0, *problem.blocks[:-1]))] = True
@@ -82,7 +82,7 @@ def block_starts(problem: ControlProblem) -> NDArray[np.bool_]:
 
 
 def log_of(problem: ControlProblem, given: Given, controls: Array) -> dict[str, Array]:
-    """The rows 0 … N that the program reads; the last control stays where none is decided."""
+    """Rows 0 … N of the program's inputs; row N, which has no control, repeats the last one."""
     # at N nothing is decided; stage costs there are not counted, but windows are evaluated
     held = np.concatenate([controls, controls[-1:]])
     log = dict(given.disturbances) | dict(given.references)
@@ -139,7 +139,7 @@ def limits_along(problem: ControlProblem, interpreter: Interpreter, given: Given
 
 
 def scales(problem: ControlProblem) -> tuple[Array, Array]:
-    """Typical sizes of changes of the numbers of x and of u."""
+    """Typical changes of the elements of x and of u."""
     states = [np.full(m.size, problem.state_scales[m.name]) for m in problem.states.members]
     sizes = {control.name: control.scale for control in problem.control_limits}
     controls = [np.full(m.size, sizes[m.name]) for m in problem.controls.members]
@@ -147,7 +147,7 @@ def scales(problem: ControlProblem) -> tuple[Array, Array]:
 
 
 def rates(problem: ControlProblem) -> Array:
-    """(nu): the most that each control moves between samples; ∞ where nothing limits it."""
+    """(nu): the largest change of each control between samples; ∞ without a limit."""
     known = {control.name: control.rate for control in problem.control_limits}
     found: list[Array] = []
     for member in problem.controls.members:
@@ -158,7 +158,7 @@ def rates(problem: ControlProblem) -> Array:
 
 
 def previous_places(problem: ControlProblem) -> NDArray[np.int64]:
-    """(nu): where x holds u_{k−1} of each number of u; −1 where it does not."""
+    """(nu): the index in x of u_{k−1} of each element of u; −1 if x does not hold it."""
     found = [
         problem.previous(member.name) or (-1,) * member.size for member in problem.controls.members
     ]

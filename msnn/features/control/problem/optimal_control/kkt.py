@@ -43,7 +43,7 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """The distance of a plan from the optimum, kind by kind; NaN where anything is."""
+    """The violation of each kind of optimality condition; NaN if any value is NaN."""
 
     dynamics: float
     stationarity: float
@@ -58,7 +58,7 @@ class Residuals:
 
 
 class Judge:
-    """The same for many plans of one problem, whose slopes are derived once."""
+    """Computes residuals for many plans of one problem; its derivatives are built once."""
 
     def __init__(self, problem: ControlProblem) -> None:
         self._problem = problem
@@ -167,7 +167,7 @@ class _Judged:
         return gradient
 
     def _limits(self) -> tuple[Array, Array]:
-        """The excess over limits, and the products that are to be 0, one after the other."""
+        """Violations of the limits and complementarity products, concatenated."""
         problem, z, u = self.problem, self.multipliers, self.plan.controls
         x, scale_u = self.plan.states, scales(problem)[1]
         exceeded: list[Array] = []
@@ -214,7 +214,7 @@ class _Judged:
 
 
 def _columns(controls: Vector, inputs: Vector) -> list[int]:
-    """The positions of the numbers of u among those of all ports."""
+    """The positions of the elements of u among those of all ports."""
     return [
         inputs.member(member.name).first + number
         for member in controls.members

@@ -1,4 +1,4 @@
-"""States the optimal control problem of a predictive controller, as data that solvers are made of.
+"""Defines the optimal control problem of a predictive controller, as data for every solver.
 
 Let x be all memory of one step of the plant, u the controls, d the measured disturbances and r the
 references. At each sample t, from the measured x_0, the controller finds u_0 … u_{N-1} that make
@@ -134,7 +134,7 @@ class ControlProblem:
     blocks: tuple[int, ...]
     """Samples over which u stays the same; they sum to N. All 1 where the spec says nothing."""
     state_scales: Mapping[str, float]
-    """Typical size of a change by state: half of its range or of its bounds, else 1."""
+    """Typical change of each state: half of its range or of its bounds, else 1."""
     hessian: Curvature
     structure: Structure
     mode: Mode

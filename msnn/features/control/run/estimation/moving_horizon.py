@@ -1,4 +1,4 @@
-"""Estimates states and parameters by the window of samples that fits them best.
+"""Estimates states and parameters by the best fit to a window of samples.
 
 A filter runs along: where a window is not solved, its estimate stands. Another one goes over the
 samples that leave the window, with slopes at what the window made of them, and says what was known
@@ -67,9 +67,9 @@ class MovingHorizon:
         """`c` or `python`: who solves."""
         self.numbers = self.filter.numbers
         self.given: Given | None = None
-        """What the last window was solved for."""
+        """The data of the last solved window."""
         self.found: Found | None = None
-        """Where its solver ended."""
+        """The solver's result for the last window."""
         self.reset()
 
     def reset(self, x: Mapping[str, ArrayLike] | None = None) -> None:
@@ -90,7 +90,7 @@ class MovingHorizon:
         measured: Mapping[str, ArrayLike],
         inputs: Mapping[str, ArrayLike] | None = None,
     ) -> WindowEstimate:
-        """The estimate at t, from what was measured there and in the window; NaN is what was not.
+        """The estimate at t, from the measurements at t and in the window; NaN marks missing ones.
 
         `inputs` at t are wanted where measured outputs read them. Raises ValueError where one of
         these is missing, and for a name or a shape that the problem does not have.
@@ -134,11 +134,11 @@ class MovingHorizon:
         return self._told(filtered, status)
 
     def expected(self, inputs: Mapping[str, ArrayLike] | None = None) -> dict[str, Array]:
-        """The measurement expected of each signal at t if the filter's estimate is right."""
+        """The predicted measurement of each signal at t, from the filter's estimate."""
         return self.filter.expected(inputs)
 
     def predict(self, inputs: Mapping[str, ArrayLike] | None = None) -> FilterStatus:
-        """Goes on to t+1, with the inputs that act from t on."""
+        """Predicts the state at t+1, with the inputs from t on."""
         status = self.filter.predict(inputs)
         if status in _REFUSED:
             return status
@@ -157,7 +157,7 @@ class MovingHorizon:
         return status
 
     def residuals(self) -> Residuals:
-        """The optimality conditions of the last window, judged apart from the solver.
+        """Residuals of the last window's optimality conditions, independent of the solver.
 
         ValueError where nothing was solved.
         """
@@ -180,14 +180,14 @@ class MovingHorizon:
     # ---- inside
 
     def _passes_first(self) -> bool:
-        """Goes with the arrival filter over the sample that leaves the window."""
+        """Updates the arrival filter by the sample that leaves the window."""
         measured, inputs = self._data.samples_at(_FIRST)
         found = self._arrival.correct(measured, inputs, around=self._before)
         status = self._arrival.predict(inputs, around=self._before)
         return found.status is FilterStatus.FILTERED and status is FilterStatus.FILTERED
 
     def _learn_pasts(self) -> None:
-        """Registers of past samples that the first inputs have filled."""
+        """Updates the registers of past samples that the first inputs have filled."""
         # only before the first step: later ones carry registers on themselves
         if self._data.count == 0 and not np.array_equal(
             self._arrival.is_known, self.filter.is_known

@@ -1,4 +1,4 @@
-"""Holds what was measured and given in a window of samples, as references of its problem."""
+"""Holds the measurements and inputs of a window of samples, as references of its problem."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class WindowData:
         return self._last - self.count
 
     def measure(self, measured: Mapping[str, Array]) -> None:
-        """Takes what is measured at the newest sample; NaN is what is not."""
+        """Stores the measurements of the newest sample; NaN marks missing ones."""
         for signal, value in measured.items():
             seen = ~np.isnan(value)
             kept = self.references[self._window.measured(signal)]
@@ -61,7 +61,7 @@ class WindowData:
         return found
 
     def give(self, inputs: Mapping[str, Array]) -> None:
-        """Takes inputs of the newest sample; the first ones stand for all before them too."""
+        """Stores inputs of the newest sample; the first ones count for all earlier samples too."""
         for name, value in inputs.items():
             kept = self.references[self._window.inputs[name]]
             # stages before the window's first sample are evaluated too, and need inputs that are
@@ -80,7 +80,7 @@ class WindowData:
         return measured, {name: self.references[own][stage] for name, own in known}
 
     def advance(self) -> None:
-        """Goes on by a sample: of the next one nothing is measured yet, inputs are as before."""
+        """Moves the window by one sample, which has no measurements yet and the previous inputs."""
         # previewed references are the samples; the others are of the whole window
         for name, values in self.references.items():
             if name in self._window.control.previewed:
@@ -92,7 +92,7 @@ class WindowData:
         self.count = min(self.count + 1, self._last - 1)
 
     def begin(self, spread: Array) -> None:
-        """Marks where the window starts, and how its first sample may be off."""
+        """Sets the state and the covariance with which the window begins."""
         stages = np.arange(self._last + 1)
         # ξ_0 = x̄ + S v is the step from the stage before the first sample
         self.references[STARTS][:] = stages == self.first - 1

@@ -1,4 +1,4 @@
-"""Holds the limits of one problem as an interior-point method has them: c(w) ≥ 0."""
+"""Holds the limits of one problem in the form of an interior-point method: c(w) ≥ 0."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class BarrierLimits:
         return np.where(self.active, self.signs * (both - ends), 0.0)
 
     def by_row(self, multipliers: Array) -> Array:
-        """The factor of each row's gradient: its high limit's multiplier less the low one's."""
+        """The factor of each row's gradient: the high limit's multiplier minus the low one's."""
         size = len(self.signs) // 2
         signed = -self.signs * multipliers
         return signed[:, :size] + signed[:, size:]
@@ -90,7 +90,7 @@ class BarrierLimits:
 
 
 def _with_inside(limits: RowLimits) -> tuple[Array, Array]:
-    """The limits, hard ones that leave no room a little apart."""
+    """The limits; hard ones that are equal are moved apart, so that there is an interior."""
     is_narrow = (limits.high - limits.low < _NARROW) & np.isinf(limits.linear)
     apart = np.where(is_narrow, _APART, 0.0)
     # relative to the limit: 1e-8 is below the rounding of a limit of 1e9

@@ -1,4 +1,4 @@
-"""Makes Hessians convex, where a step along their negative curvature would lead away."""
+"""Projects Hessians onto convex ones, since a step along negative curvature would diverge."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ from msnn.features.control.run.interior_point.riccati import HeldControls
 
 
 class HorizonFunctions:
-    """The functions of one problem, made once and evaluated for any plan."""
+    """The functions of one problem, compiled once and evaluated for any plan."""
 
     def __init__(self, problem: ControlProblem) -> None:
         self.cost_scale = problem.cost_scale
@@ -109,7 +109,7 @@ class HorizonFunctions:
         return Plan(states * self.scale_x, controls * self.scale_u)
 
     def rollout(self, given: Given, controls: Array) -> Array:
-        """The scaled states that scaled controls lead to."""
+        """Simulates scaled controls; gives the scaled states."""
         state = given.state[None]
         found = [state]
         log = log_of(self.problem, given, controls * self.scale_u)
@@ -293,7 +293,7 @@ class HorizonFunctions:
 
 
 def _fixed_ends(problem: ControlProblem, limits: Limits) -> tuple[float, float]:
-    """The limits that are numbers, whatever the references are."""
+    """The limits that do not depend on references."""
     found: list[float] = []
     for name, nothing in ((limits.minimum, -np.inf), (limits.maximum, np.inf)):
         op = None if name is None else problem.program.step[problem.node(name)].op

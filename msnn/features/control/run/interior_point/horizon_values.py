@@ -1,4 +1,4 @@
-"""Holds what the functions of an optimal control problem give along a horizon, scaled.
+"""Holds scaled values and derivatives of an optimal control problem along its horizon.
 
 Stages, variables and the rows h of limits are those of `HorizonFunctions`.
 """
@@ -25,7 +25,7 @@ class Values:
 
     @property
     def are_finite(self) -> bool:
-        """Every stage has values: a root, say, has none of what is below 0."""
+        """True if all values are finite; a square root of a negative value, say, is not."""
         return all(bool(np.isfinite(v).all()) for v in (self.cost, self.following, self.rows))
 
 
@@ -55,15 +55,15 @@ class RowLimits:
 
     @property
     def are_numbers(self) -> bool:
-        """Whether none is NaN: limits are computed, and may be NaN where references are finite."""
+        """True if no limit is NaN, which a computed limit may be even for finite references."""
         return not bool(np.any(np.isnan(self.low)) or np.any(np.isnan(self.high)))
 
     @property
     def can_be_met(self) -> bool:
-        """Whether some number meets each: none is above +∞ or below −∞, or meets NaN."""
+        """True if each limit can be met: no lower one is +∞, no upper one −∞, none is NaN."""
         return bool(np.all(self.low < np.inf) and np.all(self.high > -np.inf))
 
     def without_unmet(self) -> RowLimits:
-        """The limits that some number meets, as if there were no others."""
+        """The limits without those that no value can meet."""
         low = np.where(self.low < np.inf, self.low, -np.inf)
         return replace(self, low=low, high=np.where(self.high > -np.inf, self.high, np.inf))

@@ -39,7 +39,7 @@ class Outcome:
     residual: float
     """Largest of the optimality conditions, as `Judge` has them; NaN where one is."""
     violation: float
-    """Of hard limits, scaled, along the plan: where gaps are open the plant goes elsewhere."""
+    """Scaled violation of hard limits along the plan; open gaps separate plan and plant."""
     iterations: int
 
 
@@ -61,7 +61,7 @@ class InteriorPoint:
         iterations: int,
         tolerance: float,
     ) -> Outcome:
-        """From a scaled plan on; `before` has the multipliers of a neighbouring problem.
+        """Solves from a scaled plan; `before` has the multipliers of a neighbouring problem.
 
         It ends once the residual is at most the tolerance, after `iterations` anyway.
         """
@@ -199,7 +199,7 @@ class InteriorPoint:
         return float(np.max([*parts, greatest(held), 0.0 * point.values.cost]))
 
     def _rounding(self, point: Point) -> float:
-        """The rounding of the residual: half a unit in the last place of all it is made of."""
+        """The rounding error of the residual: half a unit in the last place of all its terms."""
         f, slopes, costates = self._f, point.slopes, point.costates
         # a multiplier pulls at its row from either end
         sums = np.abs(point.now.multipliers).reshape(f.horizon + 1, 2, -1).sum(axis=1)
@@ -219,7 +219,7 @@ class InteriorPoint:
     # ---- where it goes
 
     def _moved(self, point: Point, barrier: float) -> tuple[Iterate, Values] | None:
-        """The next iterate; None where there is no way on."""
+        """The next iterate; None if the line search fails."""
         f, now = self._f, point.now
         rows = self._limits.by_row(now.multipliers)
         if f.problem.hessian == "exact":

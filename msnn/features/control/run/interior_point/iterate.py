@@ -1,4 +1,4 @@
-"""Says where an interior-point method is, and where it goes."""
+"""Holds an iterate of the interior-point method and its Newton step."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Iterate:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """An iterate with its derivatives and what is wrong with it."""
+    """An iterate with its derivatives and the residuals of its equations."""
 
     now: Iterate
     values: Values

@@ -1,4 +1,4 @@
-"""Searches along a step for an iterate whose merit is low enough.
+"""Line search along a step until the merit decreases enough.
 
 The merit is the cost with penalties of excesses and the barrier −μ Σ log of slacks and excesses,
 plus a weight times what equations are off by (an ℓ₁ merit function: Nocedal, Wright: Numerical
@@ -23,7 +23,7 @@ _ARMIJO = 1e-4
 
 
 class Merit:
-    """The merit of one problem; it keeps the weight of what equations are off by."""
+    """The merit function of one problem; it keeps the weight of the residuals of its equations."""
 
     def __init__(self, functions: HorizonFunctions, given: Given, limits: BarrierLimits) -> None:
         self._f, self._given, self._limits = functions, given, limits
