@@ -187,7 +187,7 @@ def _spread(costs: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def _near(states: States, starts: States, far: States) -> States:
-    """The states, with the initial states in place of those of draws that diverge."""
+    """The states, with the initial states instead of those of draws that diverge."""
     is_near = np.ones(_DRAWS, np.bool_)
     for name, values in states.items():
         is_near &= np.all((np.abs(values) <= far[name]).reshape(_DRAWS, -1), axis=1)
