@@ -32,7 +32,7 @@ from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit
 
 _KEPT = "estimator: "
-"""How the names of outputs that only keep states begin; no name of a spec has a blank."""
+"""Prefix of outputs that only keep states from being pruned; no name of a spec has a blank."""
 
 
 def estimation_problem(spec: Spec, section: Estimator, program: Program) -> EstimationProblem:
@@ -109,7 +109,7 @@ def _signal(program: Program, output: str) -> str:
 
 
 def _unit(program: Program, step: Program, output: str) -> Unit | None:
-    """The unit of the output, else that of the signal it is compared with."""
+    """The unit of the output, else that of the signal that it predicts."""
     unit = step.step[step.output(f"{_KEPT}{output}").node].type.unit
     return unit or program.signal(_signal(program, output)).unit
 
@@ -117,7 +117,7 @@ def _unit(program: Program, step: Program, output: str) -> Unit | None:
 def _with_measurements(
     spec: Spec, section: KalmanFilter, program: Program, closed: Program, findings: Findings
 ) -> Program | None:
-    """The step form with an output for what is measured of each, and with all its states."""
+    """The step form with an output for each measurement, and with all its states."""
     builder = GraphBuilder(closed.step)
     known = {output.name: output for output in closed.outputs}
     before = {output.name: output for output in program.outputs}
@@ -183,7 +183,7 @@ def _inputs(program: Program) -> Vector:
 def _deviations(
     spec: Spec, section: KalmanFilter, program: Program, findings: Findings
 ) -> dict[str, EstimatedNumbers]:
-    """By the names of states; a signal that is fed back stands for its register."""
+    """The deviations by state; the name of a fed-back signal means its register."""
     named = {state.name: state for state in program.states}
     named |= {s.origin.signal: s for s in program.states if isinstance(s.origin, Tape)}
     found: dict[str, EstimatedNumbers] = {}
@@ -234,7 +234,7 @@ def _parameters(
 
 
 def _in_unit(name: str, std: Quantity, unit: Unit | None, findings: Findings) -> float:
-    """A deviation in the unit of what deviates; a bare number is in it already."""
+    """A deviation in the unit of its state or signal; a number without unit is in that unit."""
     # a deviation of 1 °C is one of 1 K: the factor counts, not the offset as it does in `_limit`
     number = _converted(name, std, unit, findings, is_distance=True)
     # any number after a report, which ends the compilation

@@ -1,4 +1,4 @@
-"""Reads how far moving-horizon estimation looks back, and how it solves."""
+"""Reads the length of the window of moving-horizon estimation, and its solver's settings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 def moving_window(
     section: MovingHorizon, program: Program, findings: Findings
 ) -> MovingWindow | None:
-    """The window of a section; None where it does not fit the samples."""
+    """The window of a section; None if its length is no multiple of the sample time."""
     _check_something_moves(section, findings)
     solver = None if section.solver is None else section.solver.interior_point
     mode: Mode = "converged" if solver is None else solver.mode
@@ -44,7 +44,7 @@ def moving_window(
 
 
 def check_size(problem: EstimationProblem, section: MovingHorizon, findings: Findings) -> None:
-    """Reports a window that fits into no computer that it is meant for."""
+    """Reports a window whose estimator needs more memory than controllers have."""
     control = window_problem(problem).control
     memory = numbers_of(control, "staged") * 8
     if memory > TOO_LONG:
@@ -55,7 +55,7 @@ def check_size(problem: EstimationProblem, section: MovingHorizon, findings: Fin
 
 
 def _check_something_moves(section: MovingHorizon, findings: Findings) -> None:
-    """A window in which nothing is uncertain has nothing to decide."""
+    """Reports a window without uncertain states or parameters, which has nothing to estimate."""
     deviations = (*section.initial.values(), *section.process.values())
     if not section.parameters and not any(std.value > 0 for std in deviations):
         findings.report(errors.nothing_uncertain(section.place.key))

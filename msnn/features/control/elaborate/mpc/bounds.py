@@ -1,4 +1,4 @@
-"""Reads the bounds of an `mpc` section: limits in the unit of what they limit, scales, rates."""
+"""Reads the bounds of an `mpc` section: limits in the unit of their signals, scales, rates."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SECOND = parse_unit("s")
 
 
 def scales_of(section: OptimalControl, program: Program) -> dict[str, float]:
-    """Half of what the bounds, or else the ranges, of states and signals leave them, by name.
+    """Half of the interval of the bounds, else of the range, of each state and signal, by name.
 
     A buffer of past samples of a signal moves as far as the signal.
     """
@@ -76,7 +76,7 @@ def control_limits(
 def _check_range(
     signal: Signal, limits: Limits, program: Program, bound: ControlBound, findings: Findings
 ) -> None:
-    """Warns of numbers that the controller may set and the declared range of the input excludes."""
+    """Warns of bounds that reach beyond the declared range of the input."""
     if signal.range is None:
         return
     low, high = _number(program, limits.minimum), _number(program, limits.maximum)
@@ -163,7 +163,7 @@ def _with_number(program: Program, name: str, number: float, unit: Unit | None) 
 def _check_limit(
     asked: ControlSpec, program: Program, name: str, key: str, type: Type, findings: Findings
 ) -> None:
-    """An expression of references, in the unit and along the axes of what it limits."""
+    """An expression of references, with the unit and the axes of the limited value."""
     output = program.output(limit(name, key))
     place = output.span
     assert place is not None
@@ -195,7 +195,7 @@ def _check_limit(
 def _rate(
     program: Program, bound: ControlBound, unit: Unit | None, findings: Findings
 ) -> float | None:
-    """Most change from sample to sample, in the unit of the control."""
+    """The largest change per sample, in the unit of the control."""
     if bound.rate is None or program.sample_time is None:
         return None
     per_second = None if unit is None else unit / _SECOND
@@ -209,7 +209,7 @@ def _is_number(end: Quantity | Expression | None) -> TypeGuard[Quantity]:
 
 
 def _number(program: Program, end: str | None) -> float | None:
-    """The limit where it is one number, whatever the references are."""
+    """The limit if it is one number that does not depend on references, else None."""
     if end is None:
         return None
     op = program.step[program.output(end).node].op

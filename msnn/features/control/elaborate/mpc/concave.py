@@ -1,4 +1,4 @@
-"""Finds what a cost rewards for going away: the sign of a weight that was turned around.
+"""Finds states and controls in which a cost is concave: usually a weight with a wrong sign.
 
 A cost of one number v, with all others held, is concave where its second difference is negative:
 l(v − s) + l(v + s) − 2 l(v) < 0. What it is at every point tried is what the formula means.
@@ -19,7 +19,7 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 _DRAWS = 16
 _LEAST = 1e-9
-"""Of the magnitudes of what is subtracted: less is rounding."""
+"""A second difference below this part of its terms is rounding."""
 
 Array = NDArray[np.float64]
 

@@ -29,16 +29,16 @@ from spec_schema.errors import shapes, units
 from spec_schema.units.unit import ONE
 
 ITERATIONS = {"converged": 50, "fixed": 5}
-"""By default: at most so many, or always."""
+"""Default number of iterations: the maximum for `converged`, the exact number for `fixed`."""
 TOLERANCE = 1e-6
-"""Of the residual of the optimality conditions, by default."""
+"""Default tolerance of the residual of the optimality conditions."""
 _UNUSED = "W0301"
 _COSTS = {STAGE: "cost.stage", TERMINAL: "cost.terminal"}
 """The keys of the outputs that are costs."""
 
 
 def asked_control(linked: Linked, section: OptimalControl) -> ControlSpec:
-    """The model that computes all that an `mpc` section speaks of, still to be compiled.
+    """The model that computes all formulas of an `mpc` section, not compiled yet.
 
     Raises SpecError where the section does not fit what the spec declares.
     """
@@ -51,7 +51,7 @@ def asked_control(linked: Linked, section: OptimalControl) -> ControlSpec:
 def control_problem(
     asked: ControlSpec, program: Program, said: Iterable[Diagnostic]
 ) -> tuple[ControlProblem, tuple[Diagnostic, ...]]:
-    """The problem out of the program of the asked model, and all that is to be said of it.
+    """The problem, from the program of `asked_control`, and its diagnostics.
 
     `said` was found when that program was compiled and not of the model alone. Parameters are those
     of the program; `trained` puts weights in their place. Raises SpecError with every mistake.
@@ -123,7 +123,7 @@ def _problem(asked: ControlSpec, program: Program, findings: Findings) -> Contro
 
 
 def _check_costs(asked: ControlSpec, program: Program, findings: Findings) -> None:
-    """A cost is one number without unit."""
+    """Reports a cost that is not one number without unit."""
     for output in program.outputs:
         key = _COSTS.get(output.name)
         if key is None:

@@ -1,4 +1,4 @@
-"""Brings the model that computes an `mpc` section's formulas into the form that solvers step."""
+"""Brings the model of an `mpc` section's formulas into step form for solvers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from spec_schema.errors.states import not_closable
 def control_program(
     asked: ControlSpec, program: Program, with_previous: Iterable[str], findings: Findings
 ) -> Program | None:
-    """The program in step form: fed back, reduced to the formulas, every port from sample t on.
+    """The program in step form, loops closed, with formulas as outputs and ports from t on.
 
     Its states hold u[t-1] of the controls `with_previous`. None once a mistake is reported.
     """
@@ -53,13 +53,13 @@ def control_program(
 
 
 def _without_names(graph: Graph, formulas: Collection[str]) -> Graph:
-    """The graph without the names of formulas, which outputs have: they would be read in code."""
+    """The graph without the names of formulas, which would appear in generated code."""
     nodes = (replace(n, label=None) if n.label in formulas else n for n in graph.nodes)
     return Graph(tuple(nodes))
 
 
 def _with_samples(program: Program, reads: Iterable[tuple[str, int]]) -> Program:
-    """The program with an output for each of these samples, so that its ports have them."""
+    """The program with an output for each of these samples, so that its ports keep them."""
     builder = GraphBuilder(program.step)
     outputs = list(program.outputs)
     for name, at in reads:

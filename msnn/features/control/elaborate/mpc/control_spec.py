@@ -1,4 +1,4 @@
-"""Writes the formulas of an `mpc` section as outputs of the model, so that they lower as such."""
+"""Writes the formulas of an `mpc` section as outputs of the model, so that they are compiled."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spec_schema.sections.spec import Spec
 from spec_schema.units.quantity import Quantity
 
 _FORMULA = "mpc: "
-"""How the names of such outputs begin; no name that a spec declares has a blank."""
+"""Prefix of the names of such outputs; no name that a spec declares has a blank."""
 STAGE = f"{_FORMULA}cost.stage"
 TERMINAL = f"{_FORMULA}cost.terminal"
 
@@ -37,7 +37,7 @@ def limit(name: str, key: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ControlSpec:
-    """A model whose inputs have the references too, and whose outputs the formulas of `mpc`."""
+    """A model with references as further inputs and formulas of `mpc` as further outputs."""
 
     linked: Linked
     section: OptimalControl
@@ -49,7 +49,7 @@ class ControlSpec:
 
 
 def control_spec(linked: Linked, section: OptimalControl, findings: Findings) -> ControlSpec:
-    """The model that computes all that the `mpc` section of a linked spec speaks of.
+    """The model that computes all formulas of the `mpc` section of a linked spec.
 
     Reports what of the section does not fit what the spec declares.
     """
@@ -182,7 +182,7 @@ def _bounded_sections(spec: Spec) -> tuple[Mapping[str, object], ...]:
 
 
 def _kind(spec: Spec, name: str) -> str | None:
-    """The kind of a name, as messages call it; None where nothing has that name."""
+    """The kind of a name, as messages call it; None if the name is not declared."""
     declared = Scope(spec, Findings()).get(name)
     if declared is None:
         return None

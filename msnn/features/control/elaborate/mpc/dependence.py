@@ -1,4 +1,4 @@
-"""Finds which signals move a value, within its step and along a horizon."""
+"""Finds the signals that a value depends on, within its step and along a horizon."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def signals_behind(program: Program, nodes: Iterable[NodeId]) -> set[str]:
 
 
 def signals_in_step(program: Program, node: NodeId) -> set[str]:
-    """The signals whose samples of its own step a value depends on, in step form.
+    """The signals whose current samples a value depends on, in step form.
 
     A window that holds the newest sample is looked into: its older samples are not of this step.
     """

@@ -1,4 +1,4 @@
-"""Looks for controllers that nobody can mean: too exact, too large, or with a cost upside down."""
+"""Reports implausible controllers: too exact, too large, or with a cost of the wrong sign."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from spec_schema.diagnostics.diagnostic import Findings
 LEAST_TOLERANCE = 1e-11
 """Rounding of a scaled residual in double precision leaves some 1e-13."""
 LONG, TOO_LONG = 2**24, 2**28
-"""Bytes of a controller in double precision that are told, and that are refused."""
+"""Bytes of a controller in double precision that are reported, and that are refused."""
 
 
 def check_plausible(problem: ControlProblem, section: OptimalControl, findings: Findings) -> None:
-    """Reports what is refused and what is only strange."""
+    """Reports errors and warnings about implausible settings."""
     if section.interior_point is not None:
         check_tolerance(section.interior_point, findings)
     _check_size(problem, section, findings)

@@ -147,13 +147,13 @@ class ControlProblem:
 
     @property
     def starts_again(self) -> bool:
-        """Whether a solve that leads nowhere from the plan before begins once more, from rest."""
+        """True if a solve that fails from the previous plan is tried once more from rest."""
         # in the mode `fixed` a second solve would take twice the time that was promised
         return self.mode == "converged"
 
     @property
     def most_iterations(self) -> int:
-        """The maximum of iterations of one sample: those of a second start among them."""
+        """The maximum number of iterations per sample, with those of a second try."""
         return self.iterations * (2 if self.starts_again else 1)
 
     @property
@@ -164,7 +164,7 @@ class ControlProblem:
 
     @property
     def has_blocks(self) -> bool:
-        """Whether controls stay the same over several samples."""
+        """True if controls stay constant over blocks of several samples."""
         return max(self.blocks) > 1
 
     @property
@@ -179,12 +179,12 @@ class ControlProblem:
 
     @property
     def longest_preview(self) -> int:
-        """Samples of the disturbance that looks ahead farthest, its own among them; 1 without."""
+        """The longest preview of a disturbance in samples, the current one included; at least 1."""
         windows = [Type(member.axes).window or 1 for member in self.disturbances.members]
         return max(windows, default=1)
 
     def previous(self, control: str) -> tuple[int, ...] | None:
-        """The places in x of the elements of u_{k−1}; None where x does not hold them."""
+        """The indices in x of the elements of u_{k−1}; None where x holds no past."""
         name = f"{control}.history"
         # only a control with a rate, or in a block, has a register
         if all(member.name != name for member in self.states.members):

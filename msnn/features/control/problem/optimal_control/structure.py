@@ -1,4 +1,4 @@
-"""Estimates what a step of the solver costs by each structure of its equations, and chooses one.
+"""Estimates the work of a solver step for each structure of its equations, and chooses one.
 
 Staged: a Riccati recursion over N stages, whose products are of matrices as wide as the memory x.
 Condensed: the states are eliminated; what remains is one system in the controls of all B blocks
@@ -23,7 +23,7 @@ Chosen = Literal["staged", "condensed"]
 
 @dataclass(frozen=True, slots=True)
 class ProductEstimate:
-    """Products of an iteration beside the derivatives, by structure."""
+    """Multiplications per iteration, without the derivatives, for each structure."""
 
     staged: int
     condensed: int
@@ -54,7 +54,7 @@ def estimate(problem: ControlProblem) -> ProductEstimate:
 
 
 def numbers_of(problem: ControlProblem, structure: Chosen) -> int:
-    """About how many numbers a controller keeps, activations and weights apart."""
+    """The approximate number of values that a controller stores besides activations and weights."""
     n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
     paths = sum(problem.type(path.value).size for path in problem.path_limits)
     # both sides of each limit keep slack, multiplier, excess, the excess's multiplier and steps of

@@ -1,4 +1,4 @@
-"""Puts trained weights into an optimal control problem, and decides what follows from its cost."""
+"""Puts trained weights into an optimal control problem; sets penalties and scales by its cost."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 DRAWS = 256
 _STEEPER = 10.0
-"""How much a penalty exceeds the steepest mean slope of the cost that the draws show."""
+"""Ratio of a penalty to the largest mean gradient of the cost at the drawn points."""
 
 
 def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> ControlProblem:
@@ -43,7 +43,7 @@ def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> Contro
 
 
 def size_of_cost(problem: ControlProblem) -> float:
-    """The largest stage cost at points drawn from what is declared; 1 where none is finite."""
+    """The largest stage cost at points drawn from the declared ranges; 1 if none is finite."""
     program = problem.program
     # the same points each time: an exported controller must not depend on chance
     random = np.random.default_rng(0)

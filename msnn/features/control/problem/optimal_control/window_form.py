@@ -20,12 +20,12 @@ from compiler.ir.types import Type
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 NEWEST = "mpc: newest of "
-"""How the names of outputs begin that compute the newest sample of a buffer."""
+"""Prefix of the names of outputs that compute the newest sample of a buffer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A number of x at stage k: the number of a control or of a state s, at stage k − lag."""
+    """An element of x at stage k: the element of a control or of a state s at stage k − lag."""
 
     is_control: bool
     number: int
@@ -45,22 +45,22 @@ class WindowForm:
     results: tuple[str, ...]
     """What computes their next values: `next_value` of a state, or an output of `program`."""
     sizes: tuple[int, ...]
-    """How many numbers of s each has."""
+    """The number of elements of s in each."""
     memory: tuple[Sample, ...]
     """One for each number of x."""
     newest: tuple[int, ...]
-    """Where x has the numbers of s."""
+    """The indices in x of the elements of s."""
     program: Program
     """The problem's, with an output for the newest sample of each buffer of a computed value."""
 
     @property
     def states(self) -> int:
-        """Numbers of s."""
+        """The number of elements of s."""
         return sum(self.sizes)
 
 
 def window_form(problem: ControlProblem) -> WindowForm:
-    """The plant with only the newest sample of each window as a state, the others as past samples.
+    """The plant whose state has only the newest sample of each window; the others are past samples.
 
     Windows of a control need no state; other states remain as they are.
     """
@@ -115,7 +115,7 @@ def window_form(problem: ControlProblem) -> WindowForm:
 
 
 def signals_held(program: Program) -> dict[str, str]:
-    """The signal of which a state is a buffer of past samples, by the state's name."""
+    """For each state that is a buffer of past samples, the signal that it stores."""
     found = {name: _signal(program, node) for name, node in _pushed(program).items()}
     return {name: signal for name, signal in found.items() if signal is not None}
 
@@ -131,7 +131,7 @@ def _pushed(program: Program) -> dict[str, NodeId]:
 
 
 def _is_shifted(program: Program, state: State) -> bool:
-    """Whether its next value is its window without the first sample."""
+    """True if the state's next value is its window shifted by one sample."""
     node = program.step[state.next]
     if not isinstance(node.op, ops.Slice) or not state.axes:
         return False

@@ -1,4 +1,4 @@
-"""Makes states of estimated parameters: they stay what they are from sample to sample."""
+"""Turns estimated parameters into states that stay constant from sample to sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""States the problem of an estimator, as data that filters are made of.
+"""Defines the problem of an estimator, as data for every filter.
 
 With x the memory of one step, p the parameters that are estimated and u all inputs,
 
@@ -34,23 +34,23 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatedNumbers:
-    """Standard deviations of a state or parameter, in its unit, alike for all its elements."""
+    """Standard deviations of a state or parameter, in its unit, the same for all its elements."""
 
     initial: float
     drift: float
-    """Of what moves it in a second, in its unit per √s."""
+    """Standard deviation of its random drift in one second, in its unit per √s."""
     minimum: float | None = None
     maximum: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MovingWindow:
-    """The samples that moving-horizon estimation looks back on, and how it solves for them."""
+    """The window of moving-horizon estimation, and the settings of its solver."""
 
     horizon: int
     """N: the window is of the samples t−N … t."""
     is_fixed: bool
-    """Whether a solve takes so many iterations, and not those that the tolerance wants."""
+    """True if each solve takes a fixed number of iterations, whatever its residual."""
     iterations: int
     tolerance: float
 
@@ -80,7 +80,7 @@ class EstimationProblem:
 
     @property
     def variances(self) -> tuple[tuple[str, float], ...]:
-        """The variances that a filter computes with: their names and values, but for those of 0."""
+        """The nonzero variances of the filter, by name."""
         found = [(measurement.name, measurement.std**2) for measurement in self.measured]
         for name, numbers in (*self.deviations.items(), *self.parameters.items()):
             found += [(name, numbers.initial**2), (name, numbers.drift**2 * self.sample_time)]
