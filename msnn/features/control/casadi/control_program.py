@@ -69,7 +69,7 @@ class _Stage:
 
 
 class ControlProgram:
-    """The program, and where in its columns everything is."""
+    """The nonlinear program, and the places of all quantities in its columns."""
 
     def __init__(self, problem: ControlProblem) -> None:
         self._problem = problem

@@ -73,7 +73,7 @@ class OptimalControlNlp:
         )
 
     def solve(self, given: Given, plan: Plan) -> NlpSolution:
-        """From a plan on, in the units of the spec."""
+        """Solves from a plan in the units of the spec."""
         program = self._program
         p = program.parameters(given)
         found = self.solver(x0=program.start(plan), p=p, **self._bounds(given))

@@ -1,4 +1,4 @@
-"""Keeps which number of an exported estimator takes the largest part of what it may be off by."""
+"""Keeps the element of an exported estimator whose error uses the most of its tolerance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judges an exported controller by the optimality conditions of its plans.
+"""Checks an exported controller by the optimality conditions of its plans.
 
 Every plan that it calls solved is given to the interpreter, which knows nothing of the solver.
 """

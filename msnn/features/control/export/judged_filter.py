@@ -1,4 +1,4 @@
-"""Judges an exported filter by the filter in Python, along drawn samples."""
+"""Compares an exported filter with the filter in Python, along drawn samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judges an exported moving-horizon estimator by the one in Python, along drawn samples.
+"""Compares an exported moving-horizon estimator with the one in Python, along drawn samples.
 
 Both stop where no optimality condition is off by more than the tolerance τ. The cost of a window
 has a curvature of 2 at least in each number of its whitened noise, so that the noise is off by τ/2

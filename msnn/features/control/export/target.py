@@ -211,7 +211,7 @@ def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Ag
 
 
 def _tell(plan: ExportPlan[Online], folder: Path) -> str:
-    """A sentence where the self-tests do not know the bits that every build gives; else empty."""
+    """A sentence if the self-tests do not know the bits of every build; else empty."""
     del plan
     tests = [path.read_text(encoding="utf-8") for path in folder.glob("src/*_selftest.c")]
     if all("golden" in text for text in tests):

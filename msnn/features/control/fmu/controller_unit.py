@@ -1,4 +1,4 @@
-"""Lists the variables of a controller's unit: what it is given, what it decides."""
+"""Lists the variables of a controller's FMU: its inputs and the controls that it sets."""
 
 from __future__ import annotations
 

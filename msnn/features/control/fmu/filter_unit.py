@@ -1,4 +1,4 @@
-"""Lists the variables of an estimator's unit: what is measured and given, what is estimated."""
+"""Lists the variables of an estimator's FMU: measurements, inputs and estimates."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def _first(
 
 
 def _fills(problem: EstimationProblem, judge: KalmanFilter) -> Iterator[Fill]:
-    """Registers of inputs that nobody set begin as if the input had always been what it is."""
+    """Fills registers of inputs without initial value as if the input had always been constant."""
     registers = {judge.numbers.member(name).first: name for name in problem.registers}
     for field in input_fields(problem, judge.numbers):
         for past in field.pasts:

@@ -1,4 +1,4 @@
-"""Defines what a unit of a controller or an estimator is made of, and writes it."""
+"""Describes the FMU of a controller or an estimator, and writes it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Fill:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnlineUnit:
-    """A controller or an estimator of a model, as FMI shows it."""
+    """The FMU of a controller or an estimator of a model."""
 
     kind: Literal["controller", "filter", "window"]
     prefix: str
@@ -185,7 +185,7 @@ def _row(variable: Variable, marks: Mapping[str, int]) -> dict[str, Any]:
 
 
 def _beginning(dtype: Dtype, variable: Variable) -> list[str]:
-    """Sets what begins as something else than 0."""
+    """C statements that set the nonzero initial values."""
     if variable.kind.is_result or not np.any(variable.start):
         return []
     pointer = f"(&m->{variable.place})"

@@ -1,4 +1,4 @@
-"""Lists the standard deviations that a spec gives the numbers of ξ: states, then parameters."""
+"""Lists the standard deviations of ξ (states, then parameters), as the spec gives them."""
 
 from __future__ import annotations
 

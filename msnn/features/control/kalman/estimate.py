@@ -1,4 +1,4 @@
-"""Says what an estimator found."""
+"""Holds the estimates of an estimator at one sample."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FilterStatus(IntEnum):
     INPUT_NOT_FINITE = 3
     """An input is NaN, or anything given infinite: the estimate is as it was."""
     NOT_INITIALISED = 4
-    """Some state was never given."""
+    """Some state has no initial value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Estimate:
     std: dict[str, Array]
     """Standard deviations of both."""
     innovations: dict[str, Array]
-    """By signal what was measured less what was expected; NaN where nothing was."""
+    """Measurement minus prediction, by signal; NaN without a measurement."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Checks the inputs that a filter is given for one sample, and lays them out as rows of a log."""
+"""Checks the inputs of a filter for one sample, and arranges them as rows of a log."""
 
 from __future__ import annotations
 

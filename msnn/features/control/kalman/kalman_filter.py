@@ -151,7 +151,7 @@ class KalmanFilter:
         return self._told(FilterStatus.FILTERED, innovations)
 
     def expected(self, inputs: Mapping[str, ArrayLike] | None = None) -> dict[str, Array]:
-        """The measurement expected of each signal at t if the estimate is right."""
+        """The predicted measurement of each signal at t, from the estimate."""
         log = self._log(inputs or {}, self.problem.inputs_measured)
         known = self.problem.measured
         return {m.signal: self._expected(m.value, log, self.vector)[0] for m in known}
@@ -194,7 +194,7 @@ class KalmanFilter:
         return found
 
     def take(self, other: KalmanFilter) -> None:
-        """Begins with what another filter of the same problem knows."""
+        """Copies the estimate and covariance of another filter of the same problem."""
         self.vector, self.covariance = other.vector.copy(), other.covariance.copy()
         self._known = {*other._known}
 
@@ -202,7 +202,7 @@ class KalmanFilter:
 
     @property
     def is_known(self) -> NDArray[np.bool_]:
-        """The mask of the numbers of ξ that were ever given."""
+        """True for the elements of ξ that have been initialised."""
         parts = [np.full(m.size, m.name in self._known) for m in self.numbers.members]
         return np.concatenate([*parts, np.empty(0, np.bool_)])
 
@@ -211,7 +211,7 @@ class KalmanFilter:
         return bool(np.all(self.is_known))
 
     def _places(self) -> NDArray[np.int64]:
-        """The positions of the numbers of ξ among the variables of the derivatives."""
+        """The positions of the elements of ξ among the variables of the derivatives."""
         known = self._derivatives.variables
         parts = [np.arange(m.size) + known.member(m.name).first for m in self.numbers.members]
         return np.concatenate([*parts, np.empty(0, int)]).astype(np.int64)

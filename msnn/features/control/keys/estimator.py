@@ -1,4 +1,4 @@
-"""The `estimator` section: how states and parameters are found while a model runs."""
+"""The `estimator` section: estimation of states and parameters while the model runs."""
 
 from typing import Annotated, ClassVar, TypeAlias
 
@@ -53,19 +53,19 @@ Drift: TypeAlias = Annotated[Quantity, reads(_read_not_negative, _NOT_NEGATIVE)]
 
 
 class EstimatedParameter(Entry):
-    """A parameter that is estimated beside the states, as one that hardly moves."""
+    """A parameter that is estimated together with the states, as a constant or a slow drift."""
 
     noun: ClassVar[str] = "an estimated parameter"
 
     std: Deviation
-    """How far from the trained value it may be at first: its standard deviation."""
+    """Standard deviation of the first estimate, which is the trained value."""
     # None is 0: a parameter that does not move at all, whose variance only shrinks
     walk: Drift | None = None
-    """Standard deviation of what it moves in a second; 0 by default."""
+    """Standard deviation of its random drift in one second; 0 by default."""
     min: QuantityField | None = None
-    """Bound that the estimate never goes below."""
+    """Lower limit of the estimate."""
     max: QuantityField | None = None
-    """Bound that the estimate never goes above."""
+    """Upper limit of the estimate."""
 
 
 class KalmanFilter(Entry):
@@ -74,18 +74,18 @@ class KalmanFilter(Entry):
     noun: ClassVar[str] = "the ekf estimator"
 
     measured: SomeBySignal[Deviation]
-    """Outputs with `predicts`, and the standard deviation of what is measured of each."""
+    """Outputs with `predicts`, and the standard deviation of their measurement noise."""
     # per second, so that a change of the sample time leaves the spec as it is
     process: BySignal[Drift] = Field(default_factory=dict[str, Quantity])
-    """Standard deviation of what the model misses of each state in a second."""
+    """Standard deviation of each state's process noise in one second."""
     initial: BySignal[Drift] = Field(default_factory=dict[str, Quantity])
-    """Standard deviation of each state at first; what is not named is known."""
+    """Standard deviation of each initial state; states that are not listed are known exactly."""
     parameters: BySignal[EstimatedParameter] = Field(default_factory=dict[str, EstimatedParameter])
     """Parameters that are estimated too."""
 
 
 class MovingHorizon(KalmanFilter):
-    """Moving-horizon estimation: the states of the last samples that fit all of them best.
+    """Moving-horizon estimation: the best fit of the states to the measurements of a window.
 
     Bounds of parameters always hold, and ranges of states wherever they can.
     """
@@ -93,13 +93,13 @@ class MovingHorizon(KalmanFilter):
     noun: ClassVar[str] = "the mhe estimator"
 
     horizon: PositiveLength
-    """How far it looks back: samples or a time."""
+    """Length of the window: samples or a time."""
     solver: ControlSolver | None = None
     """How the problem is solved: stage by stage."""
 
 
 class Estimator(OneOf):
-    """An estimator of states that nobody measures."""
+    """An estimator of states that are not measured."""
 
     noun: ClassVar[str] = "estimator"
 

@@ -87,7 +87,7 @@ Controls: TypeAlias = Annotated[tuple[Reference, ...], Gathering(_read_controls,
 
 
 class ControlCost(Entry):
-    """The sum that the controller makes small: `stage` over the horizon, plus `terminal`."""
+    """The sum that the controller minimises: `stage` over the horizon, plus `terminal`."""
 
     noun: ClassVar[str] = "the cost"
     shorthand: ClassVar[str | None] = "stage"
@@ -95,11 +95,11 @@ class ControlCost(Entry):
     stage: ExpressionField
     """Cost of each sample t … t+N-1, a number without unit."""
     terminal: ExpressionField | None = None
-    """Cost of what is left at t+N, a number without unit."""
+    """Cost of the state at t+N, a number without unit."""
 
 
 class SoftBound(Entry):
-    """The cost of going beyond a bound, in the unit of the bounded value; defaults by the cost.
+    """The cost of violating a bound, in the unit of the bounded value; defaults follow the cost.
 
     A `linear` part above the multiplier of the bound makes the penalty exact: the bound holds
     wherever it can be held.
@@ -126,11 +126,11 @@ class ControlBound(Entry):
     max: LimitField | None = None
     """Highest value: a number, a quantity, or an expression of references."""
     rate: Annotated[Quantity, reads(_read_rate, {**QUANTITY, "exclusiveMinimum": 0})] | None = None
-    """Most that a control moves in a second."""
+    """Largest change of a control per second."""
     soft: SoftBound | None = None
-    """What a violation costs."""
+    """The cost of a violation."""
     hard: Switch = False
-    """Whether no plan may go beyond it."""
+    """True if no plan may violate it."""
 
     @model_validator(mode="after")
     def _says_one_thing(self, info: ValidationInfo) -> "ControlBound":
@@ -145,7 +145,7 @@ class ControlBound(Entry):
 
 
 class ControlReference(Entry):
-    """A value that the controller is given with each measurement, for its cost and its bounds."""
+    """An external value for cost and bounds, given to the controller with each measurement."""
 
     noun: ClassVar[str] = "a reference"
     shorthand: ClassVar[str | None] = "unit"
@@ -153,7 +153,7 @@ class ControlReference(Entry):
     unit: UnitField | None = None
     dims: References = ()
     preview: Switch = False
-    """Whether its values at t … t+N are given, not only the one at t."""
+    """True if its values at t … t+N are given, not only the one at t."""
     doc: Text | None = None
 
 
@@ -163,11 +163,11 @@ class InteriorPoint(Entry):
     noun: ClassVar[str] = "the interior_point solver"
 
     structure: Annotated[Structure, choice("auto", "staged", "condensed")] = "auto"
-    """Stage by stage (`staged`), in the controls alone (`condensed`), or what computes less."""
+    """Stage by stage (`staged`), in the controls alone (`condensed`), or the cheaper of both."""
     mode: Annotated[Mode, choice("converged", "fixed")] = "converged"
-    """Until the tolerance is reached by any means, or the iterations of a sample's time alone."""
+    """Iterate until the tolerance is reached, or always a fixed number of iterations."""
     iterations: PositiveCount | None = None
-    """Most iterations from one start, 50 by default; `converged` may start twice. 5 where fixed."""
+    """Maximum iterations per try, 50 by default; `converged` may try twice. 5 if `fixed`."""
     tolerance: PositiveNumber | None = None
     """Largest residual of the optimality conditions that counts as solved; 1e-6 by default."""
 
@@ -186,21 +186,21 @@ class OptimalControl(Entry):
     noun: ClassVar[str] = "mpc"
 
     horizon: PositiveLength
-    """How far the controller looks ahead: samples or a time."""
+    """Length of the prediction horizon: samples or a time."""
     controls: Controls
-    """Inputs that it decides."""
+    """Inputs that the controller sets."""
     cost: ControlCost
-    """What it makes small."""
+    """The cost that the controller minimises."""
     bounds: BySignal[ControlBound] = Field(default_factory=dict[str, ControlBound])
     """Limits, by the names of controls, states, outputs and equations."""
     references: Named[ControlReference] = Field(default_factory=dict[str, ControlReference])
-    """Values that it is given with each measurement, for cost and bounds."""
+    """External values for cost and bounds, given with each measurement."""
     preview: References = ()
-    """Inputs whose coming N samples are known; others are held at the sample of t."""
+    """Inputs whose next N samples are known; others are assumed constant from t on."""
     blocks: ManyOf[Annotated[Located[int], reads(_read_block, _BLOCK)]] = ()
-    """Samples over which controls stay the same, one number a block; each sample by default."""
+    """Numbers of samples over which controls stay constant, one per block; 1 by default."""
     hessian: Annotated[Hessian, choice("exact", "gauss_newton")] = "exact"
-    """Curvature of cost, plant and bounds, or of the cost alone."""
+    """Second derivatives of cost, plant and bounds (`exact`), or of the cost alone."""
     solver: ControlSolver | None = None
     """How the problem is solved."""
 

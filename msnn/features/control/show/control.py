@@ -13,7 +13,7 @@ from msnn.tables import count, table_text
 
 
 def control_text(problem: ControlProblem) -> str:
-    """Tables of what the controller decides and is given, and of what it keeps."""
+    """Tables of the controller's controls, inputs and memory."""
     sections = [_sizes(problem), _given(problem), _limits(problem), _solver(problem)]
     return "\n\n".join(section for section in sections if section)
 

@@ -11,7 +11,7 @@ from msnn.tables import count, table_text
 
 
 def estimation_text(problem: EstimationProblem) -> str:
-    """Tables of what is measured and found, and how a window is solved."""
+    """Tables of measurements and estimates, and the solver of a window."""
     parts = [_sizes(problem), _measured(problem), _found(problem)]
     if problem.window is not None:
         parts.append(_solver(problem))

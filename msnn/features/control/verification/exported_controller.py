@@ -1,4 +1,4 @@
-"""Reads the folder of an export of controllers: what is in it, and what always holds of it."""
+"""Reads the folder of an exported controller: its parts, and the limits that always hold."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from msnn.verification.sources import CFolder, plain_hash, plain_name
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownLimits:
-    """The limits that a control never leaves; None where nothing is known of it."""
+    """The limits of a control that always hold; None if they are not known."""
 
     low: float | None
     high: float | None
@@ -95,7 +95,7 @@ KINDS = ("mpc", "ekf", "mhe")
 
 
 def read_exported_controller(folder: Path) -> ExportedController | None:
-    """The export in a folder; None where there is none that this version wrote."""
+    """The export in a folder; None if this version wrote none there."""
     try:
         parts = {kind: _about(folder, kind) for kind in KINDS}
         found = [about for about in parts.values() if about is not None]

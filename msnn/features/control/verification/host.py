@@ -38,7 +38,7 @@ _SAID = re.compile(r"^(\w+) ([0-9a-f]{8})$", re.MULTILINE)
 
 
 def online_host_checks(model: ExportedController) -> Iterator[ProofStep]:
-    """All that a machine with gcc and clang can say in seconds."""
+    """The checks that need gcc and clang only, and take seconds."""
     yield from source_checks(model, _ACCEPTED)
 
     shared = SharedObjects(model)
@@ -71,7 +71,7 @@ def online_fuzz_check(model: ExportedController, seconds: int) -> ProofStep:
 
 
 def no_proof(model: ExportedController) -> ProofStep:
-    """Says that analysis proves nothing of a solver: its iterations go where the numbers lead."""
+    """The result of a proof, which cannot be made: the number of iterations depends on the data."""
 
     def run(folder: Path) -> Result:
         detail = "no analysis bounds what iterations compute; drawn numbers and sanitizers look"
