@@ -44,7 +44,7 @@ FAST = ("-O3", "-funroll-loops")
 
 BRIEF = ("-O0",)
 """For code that is called some hundred times. gcc compiles the C of a controller in a tenth of
-the time of its highest level, and golden solves are as fast (decision 393)."""
+the time of its highest level, and golden solves are as fast (decision 0393)."""
 
 _MOST_SAID = 10
 """Maximum number of compiler messages: later errors follow from the first."""
@@ -60,7 +60,7 @@ LANES_BY_GCC = (
     "-fpeel-loops",
 )
 """gcc flags for functions on lanes, i.e. long blocks of vector code: the useful part of -O3. The
-rest of that level takes two fifths of its time and causes more spilling (decision 292)."""
+rest of that level takes two fifths of its time and causes more spilling (decision 0292)."""
 
 
 class KernelBuildError(Exception):

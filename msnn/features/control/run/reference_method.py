@@ -65,7 +65,7 @@ class ReferenceMethod:
         with np.errstate(all="ignore"):
             has_values = self._functions.values(given, states, controls).are_finite
         # an unstable plant runs away under a control that does not fit, and a tank is emptied below
-        # where a root has values: rest is a better start (decisions 0290 and 0491)
+        # where a root has values: rest is a better start (decisions 0491 and 0491)
         if not (has_values and np.all(np.abs(states) <= limit)):
             states = np.tile(start, (n + 1, 1))
         return states, controls
@@ -82,7 +82,7 @@ class ReferenceMethod:
         keeps = violation <= max(tolerance, 1e-6)
         status = Status.SOLVED if is_solved else Status.CAPPED
         is_plan = is_finite and keeps
-        # a plan that broke limits leads the next solve astray (decision 0326)
+        # a plan that broke limits leads the next solve astray (decision 0491)
         self._has_failed_anew = not is_plan and self._last is None
         self._last = outcome.iterate if is_plan else None
         states = outcome.iterate.states
