@@ -24,7 +24,7 @@ def _texts(*patterns: str) -> list[tuple[Path, str]]:
 
 def test_every_number_is_used_once():
     counts = Counter(decision.number for decision in recorded())
-    assert len(counts) > 200
+    assert len(counts) > 100
     assert [number for number, count in counts.items() if count > 1] == []
 
 
