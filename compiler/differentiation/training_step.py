@@ -59,7 +59,7 @@ class TrainingStep:
 
 def training_step(program: Program) -> TrainingStep:
     """The training graphs of a program in window form with closed loops."""
-    # before differentiation: the other branch must contribute 0, not 0·∞ (decision 0012)
+    # before differentiation: the other branch must contribute 0, not 0·∞ (decision 0184)
     program = guard_untaken(program)
     builder = GraphBuilder(program.step)
     losses = loss_terms(builder, program)

@@ -1,4 +1,4 @@
-"""Estimates initial states of runs by Gauss-Newton over their first steps (decision 0211).
+"""Estimates initial states of runs by Gauss-Newton over their first steps (decision 0430).
 
 The initial state x of a run minimises F = Σ cₗ rₗᵀrₗ over its first N steps. cₗ is weight / count
 of loss l, and the exact Jacobian of the residuals r in x is used.

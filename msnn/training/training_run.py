@@ -80,7 +80,7 @@ class TrainingRun:
         """Trains from the current position to the end."""
         for plan, data in self.stages[len(now.ended) :]:
             result = self._stage(plan, data, now, stop_asked)
-            # epoch 0 counts (decision 0022): nothing was better than the weights before it
+            # epoch 0 counts (decision 0480): nothing was better than the weights before it
             if not result.best_epoch:
                 has_rate = not plan.optimizer.needs_squares
                 self.progress.warned(

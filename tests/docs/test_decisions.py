@@ -8,9 +8,10 @@ import subprocess
 from collections import Counter
 from pathlib import Path
 
-from tests.docs.decisions import ROOT, recorded
+from tests.docs.decisions import PAGES, ROOT, recorded
 
 _LINK = re.compile(r"\]\(([^)\s#]*decisions\.md)#([^)\s]+)\)")
+_MERGED = re.compile(r"^Includes ([\d, and]+)\.$", re.MULTILINE)
 _NAMED = re.compile(r"\bdecisions?\s+#?\s*(\d{4})((?:,\s*\d{4})*(?:\s+and\s+\d{4})?)")
 
 
@@ -26,6 +27,18 @@ def test_every_number_is_used_once():
     counts = Counter(decision.number for decision in recorded())
     assert len(counts) > 100
     assert [number for number, count in counts.items() if count > 1] == []
+
+
+def test_merged_numbers_are_not_used_again():
+    merged = [
+        number
+        for page in PAGES
+        for line in _MERGED.findall(page.read_text("utf-8"))
+        for number in re.findall(r"\d{4}", line)
+    ]
+    counts = Counter([*merged, *(decision.number for decision in recorded())])
+    assert merged
+    assert [number for number in merged if counts[number] > 1] == []
 
 
 def test_links_to_decisions_lead_to_their_headings():

@@ -94,7 +94,7 @@ def solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> lis
             # structurally 0: nothing to eliminate
             if k not in matrix[i]:
                 continue
-            # no pivoting: the size of elements is unknown at compile time (decision 0037)
+            # no pivoting: the size of elements is unknown at compile time (decision 0241)
             factor = _quotient(builder, matrix[i].pop(k), matrix[k][k])
             for j in [column for column in matrix[k] if column > k]:
                 product = builder.multiply(factor, matrix[k][j])

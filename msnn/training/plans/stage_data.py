@@ -98,7 +98,7 @@ def _steps_lower_the_total(plan: StagePlan, train: Runs) -> bool:
 
     Non-overlapping rollouts score fewer rows, fewest with a long `skip`. Their minimum differs from
     that of a stage that uses all rollouts in each step, or that weighs its rows against priors
-    (decision 0379). With small batches, noise exceeds that difference.
+    (decision 0480). With small batches, noise exceeds that difference.
     """
     return plan.batch is None or len(train) <= plan.batch or has_priors(plan)
 

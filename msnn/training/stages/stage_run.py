@@ -90,7 +90,7 @@ class StageRun:
         """
         if self.best is None:
             self._began = time.monotonic()
-            # epoch 0 counts: what training cannot improve it does not replace (decision 0022)
+            # epoch 0 counts: what training cannot improve it does not replace (decision 0480)
             self._keep_if_best(self._monitor())
             self._search_rate()
         pace = Pace(self.engine.batches_a_call)

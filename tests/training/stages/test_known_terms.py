@@ -244,7 +244,7 @@ def test_of_overlapping_rollouts_the_best_is_what_they_minimise(
 def test_all_overlapping_rollouts_are_watched_where_steps_lower_their_total(
     batch: int, prior: str, val: int, watched: Sequence[int]
 ) -> None:
-    """Decision 379; 30 rows have 23 starts of 8 steps, and validation minimises nothing."""
+    """Decision 0480; 30 rows have 23 starts of 8 steps, and validation minimises nothing."""
     program, spec = compiled(
         "msnn: 1\nname: line\ninputs: {u: 1}\ntargets: {y: 1}\n"
         f"parameters: {{w: {{init: 0{prior}}}}}\n"

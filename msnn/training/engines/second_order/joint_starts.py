@@ -1,4 +1,4 @@
-"""Initial states of runs as unknowns of least squares with the parameters (decision 0212)."""
+"""Initial states of runs as unknowns of least squares with the parameters (decision 0430)."""
 
 from __future__ import annotations
 
