@@ -59,6 +59,8 @@ SCIPY = OptionalPackage("scipy", "mat", "reads MATLAB files")
 H5PY = OptionalPackage("h5py", "hdf5", "reads HDF5 and MATLAB 7.3 files")
 ASAMMDF = OptionalPackage("asammdf", "mdf", "reads MDF")
 ROSBAGS = OptionalPackage("rosbags", "ros", "reads ROS bags")
+NPTDMS = OptionalPackage("nptdms", "tdms", "reads TDMS", distribution="npTDMS")
+PYULOG = OptionalPackage("pyulog", "ulog", "reads ULog")
 TENSORBOARD = OptionalPackage("tensorboard", "tensorboard", "draws curves of trainings")
 ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler, and runs models in reports")
 PYGLS = OptionalPackage("pygls", "lsp", "speaks to editors: `msnn lsp`")
@@ -80,6 +82,8 @@ OPTIONAL = (
     H5PY,
     ASAMMDF,
     ROSBAGS,
+    NPTDMS,
+    PYULOG,
     TENSORBOARD,
     ZIGLANG,
     PYGLS,

@@ -26,8 +26,8 @@ ROOT = Path(__file__).resolve().parents[1]
 _ROOMS = ("spec_schema", "compiler", "backends", "msnn")
 _OPTIONAL = (
     *("torch", "casadi", "onnx", "onnxruntime", "fmpy", "elftools", "matplotlib", "pandas"),
-    *("polars", "openpyxl", "pyarrow", "scipy", "h5py", "asammdf", "rosbags", "tensorboard"),
-    *("ziglang", "pygls", "lsprotocol", "ray", "optuna"),
+    *("polars", "openpyxl", "pyarrow", "scipy", "h5py", "asammdf", "rosbags", "nptdms"),
+    *("pyulog", "tensorboard", "ziglang", "pygls", "lsprotocol", "ray", "optuna"),
 )
 """Packages that a command imports by itself where it wants one: some do not survive a fork."""
 _CLIENT = """\

@@ -14,6 +14,7 @@ import pyarrow as arrow
 import pyarrow.parquet as parquet
 import pytest
 from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.rosbag2.enums import StoragePlugin
@@ -60,6 +61,14 @@ def write_mdf(path: Path) -> None:
         file.save(path, overwrite=True)
 
 
+def write_tdms(path: Path) -> None:
+    with TdmsWriter(path) as writer:
+        columns = {"time": TIME, "x": X, "F": FORCE}
+        writer.write_segment(
+            [ChannelObject("Run", name, values) for name, values in columns.items()]
+        )
+
+
 def write_ros1(path: Path) -> None:
     types = get_typestore(Stores.ROS1_NOETIC)
     vector = types.types["geometry_msgs/msg/Vector3"]
@@ -87,12 +96,14 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "a.mat": write_mat,
     "a.h5": write_hdf5,
     "a.mf4": write_mdf,
+    "a.tdms": write_tdms,
 }
 
 
 def test_every_format_has_a_sample_record() -> None:
-    # messages of ROS bags are tested below, workbooks in test_loggers_files.py
-    written = {format_of(name).name for name in (*WRITERS, "a.bag", "a.xlsx")}
+    # messages of ROS bags are tested below, workbooks in test_loggers_files.py, topics of ULog
+    # files in test_ulog_files.py
+    written = {format_of(name).name for name in (*WRITERS, "a.bag", "a.xlsx", "a.ulg")}
     for format in FORMATS:
         assert format.name in written, f"write the record as {format.name} in {__file__}"
 

@@ -501,6 +501,8 @@ BEGINNINGS = {
     "MAT": (b"MATLAB 5.0 MAT-file", "`.mat`"),
     "MDF": (b"MDF     4.10    ", "`.mf4`"),
     "ROS bag": (b"#ROSBAG V2.0\n", "`.bag`"),
+    "TDMS": (b"TDSm\x0e\x00\x00\x00", "`.tdms`"),
+    "ULog": (b"ULog\x01\x12\x35\x01", "`.ulg`"),
     "NPY": (b"\x93NUMPY\x01\x00", "numpy.savez"),
     "Feather": (b"ARROW1\x00\x00", "Parquet"),
     "NetCDF 3": (b"CDF\x01\x00", "nccopy"),

@@ -13,6 +13,7 @@ import pandas as pd
 import pyarrow as arrow
 import pyarrow.parquet as parquet
 from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 import msnn
@@ -122,6 +123,12 @@ def write_mdf(path: Path, unit: str) -> None:
         file.save(path, overwrite=True)
 
 
+def write_tdms(path: Path, unit: str) -> None:
+    properties = {"wf_increment": 0.1, "unit_string": unit}
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("Run", "v", V, properties)])
+
+
 WRITERS: dict[str, tuple[str, Callable[[Path, str], None], str]] = {
     "csv": ("a.csv", write_csv, "v"),
     "excel": ("a.xlsx", write_xlsx, "v"),
@@ -136,6 +143,7 @@ WRITERS: dict[str, tuple[str, Callable[[Path, str], None], str]] = {
     "hdf5 of bytes": ("a.h5", write_hdf5_of_bytes, "v"),
     "hdf5 of columns": ("a.h5", write_hdf5_of_columns, "both[1]"),
     "mdf": ("a.mf4", write_mdf, "v"),
+    "tdms": ("a.tdms", write_tdms, "v"),
 }
 """The file's name, its writer, and the column in it."""
 

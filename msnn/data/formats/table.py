@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.written_units import StatedUnit
+from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
 from spec_schema.fields.located import Located
@@ -72,6 +73,8 @@ class ColumnTable:
     """Scaling that was applied when columns were unpacked: `scale_factor 0.1`."""
     begins: Mapping[ColumnKey, Moment] = field(default_factory=dict[ColumnKey, Moment])
     """The date of the first row, for date columns; their values are seconds since that row."""
+    warnings: tuple[Diagnostic, ...] = ()
+    """Warnings about the file as a whole."""
 
     @property
     def rows(self) -> int:
@@ -89,3 +92,5 @@ class Streams:
     """Units of times taken from channels, if the file states them; other times are in seconds."""
     begins: Moment | None = None
     """The date of time 0, if the file stores it."""
+    warnings: tuple[Diagnostic, ...] = ()
+    """Warnings about the file as a whole."""

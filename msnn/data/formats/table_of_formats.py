@@ -8,7 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msnn.errors.failures import MissingExtraError
-from msnn.packages import ASAMMDF, H5PY, OPENPYXL, PYARROW, ROSBAGS, SCIPY, OptionalPackage
+from msnn.packages import (
+    ASAMMDF,
+    H5PY,
+    NPTDMS,
+    OPENPYXL,
+    PYARROW,
+    PYULOG,
+    ROSBAGS,
+    SCIPY,
+    OptionalPackage,
+)
 from spec_schema.late_dataclass import dataclass
 
 if TYPE_CHECKING:
@@ -104,6 +114,22 @@ FORMATS = (
         module="msnn.data.formats.streams.rosbag_file",
         is_isolated=True,
         packages=(ROSBAGS,),
+        keeps_time=True,
+    ),
+    FileFormat(
+        name="TDMS",
+        suffixes=(".tdms",),
+        module="msnn.data.formats.streams.tdms_file",
+        is_isolated=True,
+        packages=(NPTDMS,),
+        keeps_time=True,
+    ),
+    FileFormat(
+        name="ULog",
+        suffixes=(".ulg", ".ulog"),
+        module="msnn.data.formats.streams.ulog_file",
+        is_isolated=True,
+        packages=(PYULOG,),
         keeps_time=True,
     ),
 )

@@ -130,6 +130,7 @@ def read_file(
     column = file.layout.time or data.time
     read = _columns(file, data, column, found, more, mine)
     if read is not None:
+        mine.report(*read.warnings)
         found = in_units_of_file(found, read.units, file.shown, mine)
         more = in_units_of_file(more, read.units, file.shown, mine)
     if isinstance(read, ColumnTable):

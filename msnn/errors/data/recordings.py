@@ -1,6 +1,7 @@
-"""W0832 to W0834: which files make a recording, and to which sets they belong."""
+"""W0832 to W0834, W0837, W0838: files of recordings, their sets, and what they lack."""
 
 import math
+from collections.abc import Sequence
 
 from msnn.errors.data.rows import seconds_text
 from spec_schema.diagnostics.diagnostic import Diagnostic, remark, warning
@@ -66,3 +67,17 @@ def rows_in_two_sets(
     message = f"{file} is in the sets `{one}` and `{other}`: {rows} of its rows are in both"
     repair = "`split:` divides one set; `to:` of one and `from:` of the other part the rows"
     return warning("W0834", span, message, "the same rows again", help=repair)
+
+
+def lost_messages(file: str, dropouts: Sequence[float], longest_at: float) -> Diagnostic:
+    """W0837: parts of a recording that its logger lost; `dropouts` are their durations."""
+    count = "1 dropout" if len(dropouts) == 1 else f"{len(dropouts)} dropouts"
+    message = f"the logger of {file} lost messages: {count}, {seconds_text(sum(dropouts))} in total"
+    longest = f"the longest is {seconds_text(max(dropouts))}, at {seconds_text(longest_at)}"
+    repair = "compare with `resample: linear`, which ends an episode at a hole of the data"
+    return warning("W0837", None, message, notes=(longest,), help=repair)
+
+
+def unread_part(file: str, reason: str) -> Diagnostic:
+    """W0838: a file of which a part is not read."""
+    return warning("W0838", None, f"a part of {file} is not read: {reason}")

@@ -1,1 +1,1 @@
-"""Reads recordings in which every signal has its own timestamps: MDF and ROS bags."""
+"""Reads recordings in which every signal has its own timestamps: MDF, ROS bags, TDMS, ULog."""

@@ -28,6 +28,8 @@ _OTHERS = {
     b"#ROSBAG": ("ROS bag", ".bag"),
     b"SQLite format 3": ("ROS bag", ".db3"),
     b"\x89MCAP0": ("ROS bag", ".mcap"),
+    b"TDSm": ("TDMS", ".tdms"),
+    b"ULog\x01\x12\x35": ("ULog", ".ulg"),
 }
 """First bytes of formats with their own readers, and the suffix that selects the reader."""
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
