@@ -458,6 +458,22 @@ def test_a_warning_of_a_file_is_a_warning_of_the_data(tmp_path: Path) -> None:
     assert [warning.code for warning in data.warnings] == ["W0838"]
 
 
+@pytest.mark.parametrize(("clock", "time"), [(TIME, "t"), (1e6 * TIME, None)])
+def test_a_channel_of_times_may_be_longer_in_a_file_that_is_cut_off(
+    tmp_path: Path, clock: np.ndarray, time: str | None
+) -> None:
+    if time is None:
+        clock = np.datetime64("2023-11-14T22:13:20") + clock.astype("timedelta64[us]")
+    write(tmp_path / "a.tdms", [ChannelObject("A", "t", clock), ChannelObject("A", "x", TIME)])
+    (tmp_path / "b.tdms").write_bytes((tmp_path / "a.tdms").read_bytes()[:-17])
+    found = streams(tmp_path / "b.tdms", "x", time=time)
+    np.testing.assert_allclose(found.columns["x"], (TIME[:9], TIME[:9]), atol=1e-12)
+    write(tmp_path / "b.tdms", [ChannelObject("A", "t", clock), ChannelObject("A", "x", TIME[:9])])
+    if time is not None:
+        (fault,) = faults(tmp_path / "b.tdms", "x", time=time)
+        assert "it has 9 values and its time `t` has 12" in fault.message
+
+
 @pytest.mark.parametrize(
     ("after", "at", "value", "reason"),
     [

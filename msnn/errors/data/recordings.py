@@ -74,7 +74,7 @@ def lost_messages(file: str, dropouts: Sequence[float], longest_at: float) -> Di
     count = "1 dropout" if len(dropouts) == 1 else f"{len(dropouts)} dropouts"
     message = f"the logger of {file} lost messages: {count}, {seconds_text(sum(dropouts))} in total"
     longest = f"the longest is {seconds_text(max(dropouts))}, at {seconds_text(longest_at)}"
-    repair = "compare with `resample: linear`, which ends an episode at a hole of the data"
+    repair = "with `resample: linear` an episode ends at each hole of the data"
     return warning("W0837", None, message, notes=(longest,), help=repair)
 
 

@@ -239,25 +239,27 @@ class _Channels:
         if column is None:
             clock = self._waveform(channel)
             stamps = self._only_dates(channel.group_name)
-            if clock is None and stamps is not None and len(stamps) == len(channel):
-                clock = self._dates(stamps)
+            if clock is None and stamps is not None and self._fits(stamps, channel):
+                clock = self._dates(stamps, len(channel))
             return clock
         source = next((s for s in sources if s.group_name == channel.group_name), None)
         if source is None:
             name, place = str(column.column), column.place
             other = formats.time_of_another_group(name, self._shown, channel.name, place)
             raise SpecError((other,))
-        if len(source) != len(channel) and not (self._is_cut and len(source) > len(channel)):
+        if not self._fits(source, channel):
             count = f"it has {len(channel)} values and its time `{source.name}` has {len(source)}"
             raise PackingError(count)
         if source.data_type is TimeStamp:
             if column.unit is not None:
                 text = column.unit.value.text
                 raise SpecError((unit_of_moments(source.name, text, column.unit.span),))
-            clock = self._dates(source)
-        else:
-            clock = self._numbers(source, key)
-        return replace(clock, seconds=clock.seconds[: len(channel)])
+            return self._dates(source, len(channel))
+        return self._numbers(source, key, len(channel))
+
+    def _fits(self, times: Any, channel: Any) -> bool:
+        """True if a channel has a time for each value; a file that is cut off may have more."""
+        return len(times) == len(channel) or (self._is_cut and len(times) > len(channel))
 
     def _waveform(self, channel: Any) -> _Clock | None:
         properties = channel.properties
@@ -285,8 +287,8 @@ class _Channels:
         found = self._dates_of.get(group, ())
         return found[0] if len(found) == 1 else None
 
-    def _dates(self, channel: Any) -> _Clock:
-        stamps = channel[:]
+    def _dates(self, channel: Any, count: int) -> _Clock:
+        stamps = channel[:count]
         if not len(stamps):
             return _Clock(np.zeros(0))
         first = _ticks(stamps[0])
@@ -299,14 +301,14 @@ class _Channels:
         part = stamps.second_fractions.astype(np.float64) / _TICKS
         return _Clock(whole + (part - part[0]), first)
 
-    def _numbers(self, source: Any, key: ColumnKey) -> _Clock:
+    def _numbers(self, source: Any, key: ColumnKey, count: int) -> _Clock:
         name = source.name
         arrays = self._arrays(name, source)
         # a header such as `t [ms]` has the unit in its name
         table = arrays.table(WantedColumns({name: "`time`"}, moments=frozenset({name})))
         if name in table.units:
             self._time_units[key] = table.units[name]
-        return _Clock(table.columns[name])
+        return _Clock(table.columns[name][:count])
 
     def _zero(self, sources: Sequence[Any]) -> int | None:
         """The earliest start in the file, whichever channels are requested."""
