@@ -15,6 +15,7 @@ import pyarrow as arrow
 import pyarrow.parquet as parquet
 import pytest
 from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
 from numpy.typing import NDArray
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
@@ -29,6 +30,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.sections.data.columns import Column
 from spec_schema.sections.data.data import Csv, Data, Source, TimeColumn
 from spec_schema.sections.data.splits import Split
+from tests.data import ulog_files as ulog
 
 Values = NDArray[np.float64]
 Writer = Callable[[Path, Values, Values, Values], None]
@@ -84,6 +86,22 @@ def write_bag(path: Path, time: Values, x: Values, force: Values) -> None:
             bag.write(connection, now + late, types.serialize_cdr(message, kind.__msgtype__))
 
 
+def write_tdms(path: Path, time: Values, x: Values, force: Values) -> None:
+    dates = np.datetime64("2026-11-22T17:00:00") + (1e6 * time).astype("timedelta64[us]")
+    columns = {"time": dates, "x": x, "F": force}.items()
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("Run", name, values) for name, values in columns])
+
+
+def write_ulog(path: Path, time: Values, x: Values, force: Values) -> None:
+    fields = "uint64_t timestamp;double x;double y;double z;"
+    begin = ulog.header() + ulog.topic_format("motion", fields) + ulog.subscription(0, "motion")
+    rows = zip(time.tolist(), x.tolist(), force.tolist(), strict=True)
+    start = ulog.START
+    steps = [ulog.data(0, "Qddd", start + round(1e6 * t), a, b, t + a / 99) for t, a, b in rows]
+    path.write_bytes(begin + b"".join(steps))
+
+
 WRITERS: dict[str, Writer] = {
     "csv": write_csv,
     "xlsx": write_xlsx,
@@ -95,7 +113,12 @@ WRITERS: dict[str, Writer] = {
     "h5": write_hdf5,
     "mf4": write_mdf,
     "db3": write_bag,
+    "tdms": write_tdms,
+    "ulg": write_ulog,
 }
+FIELDS = {"db3": "/motion.vector", "ulg": "motion"}
+"""The message whose fields are the columns, of formats that have messages."""
+KEEPING_TIME = ("mf4", "db3", "tdms", "ulg")
 
 
 def test_every_format_is_written() -> None:
@@ -224,14 +247,15 @@ def written(folder: Path, kind: str, case: Case) -> str:
 
 def for_kind(section: str, kind: str) -> str:
     """The section with the names that the columns of a format have."""
-    if kind == "db3":
-        section = section.replace("{x: F, F: F}", "{x: /motion.vector.y, F: /motion.vector.y}")
-        section = section.replace("column: x", "column: /motion.vector.x")
-        section = section.replace("F: F}", "F: /motion.vector.y}")
-        section = section.replace("column: time", "column: /motion.vector.z")
+    if kind in FIELDS:
+        message = FIELDS[kind]
+        section = section.replace("{x: F, F: F}", f"{{x: {message}.y, F: {message}.y}}")
+        section = section.replace("column: x", f"column: {message}.x")
+        section = section.replace("F: F}", f"F: {message}.y}}")
+        section = section.replace("column: time", f"column: {message}.z")
         if "columns:" not in section:
-            section += "columns: {x: /motion.vector.x, F: /motion.vector.y}\n"
-    if "time:" not in section and kind not in ("db3", "mf4"):
+            section += f"columns: {{x: {message}.x, F: {message}.y}}\n"
+    if "time:" not in section and kind not in KEEPING_TIME:
         section += "time: time\n"
     return section
 
@@ -248,7 +272,7 @@ def test_every_key_has_an_effect_or_a_diagnostic(tmp_path: Path, kind: str) -> N
     assert ignored == ["Data.source"]
 
 
-@pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind not in ("mf4", "db3")])
+@pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind not in KEEPING_TIME])
 @pytest.mark.parametrize("section", ["resample: none\n", "join: true\n"])
 def test_a_key_that_needs_times_says_so(tmp_path: Path, kind: str, section: str) -> None:
     source = written(tmp_path, kind, Case(section))

@@ -108,6 +108,19 @@ def test_channels_of_several_rates_are_brought_to_the_sample_time(tmp_path: Path
     np.testing.assert_allclose(data.series["F"], -TIME, atol=1e-12)
 
 
+def test_files_with_dates_are_joined_by_them(tmp_path: Path) -> None:
+    """The first file has 2.4 s; the second follows it, or begins 2.5625 s after its start."""
+    following, late = later(2, int(0.65 * (1 << 64))), later(2, 13 << 60)
+    episodes: list[list[list[int]]] = []
+    for second in (following, late):
+        for name, start in (("a", START), ("b", second), ("c", later(9))):
+            pair = [waveform(key, TIME, wf_start_time=start) for key in ("x", "F")]
+            write(tmp_path / f"{name}.tdms", pair)
+        data = load(tmp_path, "source: {train: ['*.tdms']}\njoin: true\n")
+        episodes.append(data.episodes("train").tolist())
+    assert episodes == [[[0, 24], [24, 36]], [[0, 12], [12, 24], [24, 36]]]
+
+
 @pytest.mark.parametrize("unit", ["s", "", "Seconds", "ms"])
 def test_the_step_of_a_waveform_has_a_unit(tmp_path: Path, unit: str) -> None:
     step = 200.0 if unit == "ms" else 0.2
@@ -243,6 +256,9 @@ def test_channels_without_times_are_a_table(tmp_path: Path) -> None:
     assert data.episodes("train").tolist() == [[0, 12]]
     with pytest.raises(SpecError, match="E0843"):
         load(tmp_path, "source: {train: a.tdms}\nresample: linear\n")
+    for key in ("resample: none", "join: true"):
+        with pytest.raises(SpecError, match="E0876"):
+            load(tmp_path, f"source: {{train: a.tdms}}\n{key}\n")
     write(tmp_path / "b.tdms", [ChannelObject("A", "x", TIME), ChannelObject("A", "F", TIME[1:])])
     with pytest.raises(SpecError, match="E0841"):
         load(tmp_path, "source: {train: b.tdms}\n")

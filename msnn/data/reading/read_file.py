@@ -24,6 +24,7 @@ from msnn.data.reading.columns import (
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.row_filter import RowFilter
+from msnn.data.reading.unused_keys import unused_without_times
 from msnn.data.reads import compared_signals, measured_beside, signals_only_compared
 from msnn.errors.data import units as data_units
 from msnn.errors.data.files import no_column_read
@@ -131,6 +132,8 @@ def read_file(
     read = _columns(file, data, column, found, more, mine)
     if read is not None:
         mine.report(*read.warnings)
+        if file.keeps_time and isinstance(read, ColumnTable) and read.time is None:
+            mine.report(*unused_without_times(file, data))
         found = in_units_of_file(found, read.units, file.shown, mine)
         more = in_units_of_file(more, read.units, file.shown, mine)
     if isinstance(read, ColumnTable):

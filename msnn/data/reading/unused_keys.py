@@ -44,6 +44,16 @@ def _of_records(scope: Layout, files: Sequence[DataFile]) -> Iterator[Diagnostic
         yield unused_key("records: row_group", reason, scope.place.key)
 
 
+def unused_without_times(file: DataFile, data: Data) -> Iterator[Diagnostic]:
+    """Reports the keys that need times, for a file that may have times and has none."""
+    layout = file.layout
+    reason = f"{file.shown} has no times without `time:`"
+    if (layout.resample or data.resample) == "none":
+        yield unused_key("resample: none", reason, layout.place.key)
+    if data.join if layout.join is None else layout.join:
+        yield unused_key("join: true", reason, layout.place.key)
+
+
 def _of_times(
     scope: Layout, data: Data, files: Sequence[DataFile], sample_time: float | None
 ) -> Iterator[Diagnostic]:
