@@ -316,7 +316,7 @@ class _Channels:
         found: list[int] = []
         if not sources:
             found = [_ticks(channel.properties.get(_START)) for channel in self._all]
-            stamps = [found[0] for found in self._dates_of.values() if len(found) == 1]
+            stamps = [dates[0] for dates in self._dates_of.values() if len(dates) == 1]
         found += [_ticks(source[0]) for source in stamps if len(source)]
         return min((first for first in found if first and _moment(first) is not None), default=None)
 
