@@ -30,7 +30,7 @@ def check_input(
     helpers: FixedHelpers,
     scope: BlockScope,
 ) -> None:
-    """Words of an input for `step`: `report` says that one was outside its range."""
+    """Checks the words of an input for `step`; `report` runs if one is out of range."""
     port, field = entry.port, names.inputs[entry.port.name]
     held = names.held.get(port.name)
     kept = None if held is None else c.Member("s", held)

@@ -50,8 +50,10 @@ class FixedHelpers:
         return self._function("limited", arguments, body, "x moved to the nearest limit.")
 
     def _rounded(self, bits: int) -> c.Function:
-        """A right shift of a negative number would be each compiler's own affair; the division is
-        exact, so that compilers make it that shift."""
+        """Writes an exact division, as C leaves right shifts of negative numbers to the compiler.
+
+        Compilers turn the division into a shift.
+        """
         x, raised, pattern, low_bits, rest = (
             c.Name(text) for text in ("x", "raised", "pattern", "low_bits", "rest")
         )

@@ -114,7 +114,7 @@ class _Comparison:
         self.reals.reset(found)
 
     def _with_needless(self, given: dict[str, Array], count: int) -> dict[str, Array]:
-        """The inputs of the words, and what these do without as its factor is 0."""
+        """The inputs of the float64 program; inputs that fixed point omits are constant."""
         return {
             name: given[name] if name in given else np.full((count, *shape), self._low_end(name))
             for name, shape in self.reals.input_shapes.items()

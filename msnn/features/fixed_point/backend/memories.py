@@ -63,7 +63,7 @@ class MemoryWriter:
                 inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
 
     def start(self, memory: IntegerMemory, nodes: IntegerNodes, saturated: c.Statement) -> None:
-        """Sets a memory to what the start made; `saturated` reports what was too large."""
+        """Sets a memory to its start; `saturated` runs if a value exceeds the limits."""
         for begin, count in neighbours([self._program.start[node] for node in memory.start]):
             if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
                 for index in range(begin, begin + count):

@@ -151,7 +151,7 @@ class Lowering(ElementwiseForms):
                 assert_never(node.op)
 
     def _is_clamped_above(self, node: Node) -> bool:
-        """Whether a value is compared with the limit that it is clamped to: only NaN is below."""
+        """True if a value clamped to a lower limit is compared with that limit; only NaN fails."""
         clamped, low = node.args
         if node.op != ops.Compare(ops.Relation.GREATER_EQUAL):
             return False
@@ -168,7 +168,7 @@ class Lowering(ElementwiseForms):
         return self.form(self.node(form)) if len(form.terms) > _LONGEST else form
 
     def _hats(self, index: NodeId, sets: CompactSets) -> Elements:
-        """Degrees of triangular sets as differences of ramps, which sum to 1 exactly."""
+        """Membership degrees of triangular sets as differences of ramps; their sum is exactly 1."""
         points = self.graph[sets.points].op
         assert isinstance(points, ops.Constant), "points of ramps are numbers"
         (form,) = self._values[sets.value].ravel()
@@ -231,7 +231,7 @@ def _elements(forms: list[PolynomialForm], shape: tuple[int, ...]) -> Elements:
 
 
 def elements(settler: Settler, nodes: list[int], shape: tuple[int, ...]) -> Elements:
-    """Nodes as the elements of a value."""
+    """Nodes as an array of forms in the shape of a value."""
     return _elements([settler.form(node) for node in nodes], shape)
 
 
