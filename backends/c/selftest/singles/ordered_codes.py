@@ -21,13 +21,13 @@ def codes_of(numbers: NDArray[Any]) -> Codes:
 
 
 def numbers_of(codes: Codes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The floats with these codes."""
+    """The floats with these codes, the inverse of `codes_of`."""
     words = np.abs(codes).astype(f"i{dtype.itemsize}")
     return np.copysign(words.view(dtype), np.where(codes < 0, -1.0, 1.0).astype(dtype))
 
 
 def between(left: Codes, right: Codes) -> Codes:
-    """The middle, rounded towards the left."""
+    """The middle of two codes, rounded towards the left one."""
     # the difference of two float64 codes may overflow
     half = right // 2 - left // 2
     # close codes need the exact half, as separately rounded halves may not change
@@ -35,7 +35,7 @@ def between(left: Codes, right: Codes) -> Codes:
 
 
 def distance(left: Codes, right: Codes) -> NDArray[np.uint64]:
-    """The number of floats between those with these codes."""
+    """The number of adjacent floats from one code to the other."""
     # the distance of two float64 may exceed int64; the unsigned difference is exact
     return np.maximum(left, right).view(np.uint64) - np.minimum(left, right).view(np.uint64)
 

@@ -61,7 +61,7 @@ def golden_start(
 def golden_starts(
     program: Program, interface: Interface, weights: Mapping[str, Array], seed: int
 ) -> list[GoldenStart]:
-    """Starts that try each check of `reset` alone: what it returns tells whether it is there."""
+    """Starts that test each range check of `reset` by its status."""
     options = interface.options
     random = np.random.Generator(np.random.Philox(seed))
     interpreter = Interpreter(program, weights, options.dtype)

@@ -260,7 +260,10 @@ class Settler:
         return low, high
 
     def _exact_fraction(self, node: int, coefficient: float) -> int | None:
-        """The scale at which coefficient · node is the node itself, for powers of two."""
+        """The scale at which coefficient · node is the node's integer, or None.
+
+        Only coefficients that are powers of two have such a scale.
+        """
         mantissa, exponent = math.frexp(abs(coefficient))
         return self.builder[node].fraction - (exponent - 1) if mantissa == 0.5 else None
 
