@@ -14,7 +14,7 @@ def range_needed(what: str, name: str, span: Span | None) -> Diagnostic:
 
 
 def not_in_fixed_point(what: str, span: Span | None, why: str) -> Diagnostic:
-    """E0961: a value has no bounds, no table or too many bits for fixed point."""
+    """E0961: a value has no bounds, needs too large a table or more bits than integers have."""
     message = f"{what} cannot be computed in fixed point: it {why}"
     repair = "bound what it depends on with `range:` or `clip`, or export `dtype: float32`"
     return error("E0961", span, message, "not in integers", help=repair)

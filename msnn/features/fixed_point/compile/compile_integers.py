@@ -240,7 +240,7 @@ class _Compilation:
         return self.values[key]
 
     def _kept_format(self, lowering: Lowering, state: State) -> tuple[int, int, int]:
-        """The format of a buffer of an equation: that of the equation's value."""
+        """The format of a buffer of an equation, which is that of the equation's value."""
         newest = next(
             node.args[0]
             for _, node in self.program.step

@@ -32,7 +32,7 @@ _LONGEST = 4
 
 
 class UnsupportedError(Exception):
-    """A value that has no place in fixed point: what it is, where, and why."""
+    """A value that fixed point cannot represent: its name, its position and the reason."""
 
     def __init__(self, what: str, span: Span | None, why: str) -> None:
         super().__init__(why)
