@@ -44,10 +44,11 @@ def judged_words(
     judged: Judgement,
     most_steps: int,
 ) -> Judgement:
-    """The first steps for the inputs of the reference simulation, rounded to words.
+    """Runs the integer program for the inputs of `judged`, rounded to words.
 
-    All arrays contain the real values of the words, which float64 represents exactly. Windows have
-    the extent of those of the export; inputs that the export lacks are omitted.
+    It stops after `most_steps` steps. All arrays contain the real values of the words, which
+    float64 represents exactly. Windows have the extent of those of the export; inputs that the
+    export lacks are omitted.
     """
     numbers = physical_weights(program, weights)
     integers = integer_program(program, numbers, WIDTHS[format])

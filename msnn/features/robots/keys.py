@@ -28,7 +28,7 @@ class Joints(Spelled):
 
     @property
     def spelling(self) -> Located[str] | tuple[Located[str], ...]:
-        """The dimension, or the list."""
+        """The name of the dimension, or the list of joints."""
         return self.dimension or self.labels
 
 

@@ -1,4 +1,4 @@
-"""Connects robots with the reader of specs and with the recordings of runs."""
+"""Defines robots as a kind of sub-model, for the reader of specs and for saved runs."""
 
 from __future__ import annotations
 

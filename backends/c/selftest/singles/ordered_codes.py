@@ -11,8 +11,9 @@ Codes = NDArray[np.int64]
 
 
 def codes_of(numbers: NDArray[Any]) -> Codes:
-    """The index of each float in the order of its type; 0 and -0 are 0, negative floats are
-    negative.
+    """The index of each float in ascending order.
+
+    0 and -0 have index 0, and negative floats have negative indices.
     """
     words = np.ascontiguousarray(numbers).view(f"i{numbers.itemsize}").astype(np.int64)
     # the bits increase with the magnitude; the sign bit gives the sign of the code

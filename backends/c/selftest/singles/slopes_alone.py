@@ -18,7 +18,7 @@ _DRAWN, _FRESH, _ROUNDS = 4096, 256, 32
 _COPIES = 48
 """Copies of the best step for each entry, with some random elements."""
 _OTHERS = (1.5, 3.0, 6.0)
-"""Average number of random elements in a copy."""
+"""Average numbers of random elements in a copy; one is chosen per copy."""
 
 
 def slopes_alone(

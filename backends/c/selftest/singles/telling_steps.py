@@ -113,7 +113,7 @@ def _choose(
 def _both_sides(
     beside: Boundaries, outcomes: Callable[[Trials], Outcomes], steps: TrialSteps
 ) -> list[Trials]:
-    """Pairs of adjacent steps between which each decision changes.
+    """Pairs of close steps between which each decision changes.
 
     They have trained parameters and finite results. They also test decisions that C makes
     differently, such as the interval of a table.

@@ -38,7 +38,7 @@ class GoldenStart:
 def golden_start(
     interface: Interface, interpreter: Interpreter, record: DrawnRecord
 ) -> GoldenStart:
-    """The arguments of `reset` from a record, and the result of the reference interpreter."""
+    """The arguments of `reset` from recorded samples, and the reference interpreter's result."""
     windows: dict[str, Array] = {}
     log, bits = dict(record.log), StatusBit(0)
     for field, port in interface.windows:

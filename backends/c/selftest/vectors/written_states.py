@@ -73,7 +73,7 @@ def _of(check: StateCheck, interface: Interface) -> Iterator[WrittenNumber]:
 
 
 def _sides(check: StateCheck) -> list[float]:
-    """Finite values above and below the limits; infinity for a check of finiteness only."""
+    """Up to two finite values outside the limits; infinity for a check of finiteness only."""
     if check.bit == StatusBit.STATE_NOT_FINITE:
         return [math.inf]
     found = [outside(check.limits, end) for end in ("above", "far below")]

@@ -252,7 +252,7 @@ class _Total:
             self._declare(c.Integer(0))
 
     def add(self, sign: str, term: c.Expression, scope: BlockScope) -> None:
-        """Adds or subtracts a term in a block."""
+        """Adds or subtracts a term, in a block of statements."""
         if self._begun:
             scope.assign(self._name, c.Binary(sign, self._name, term))
         else:

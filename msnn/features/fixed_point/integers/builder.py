@@ -18,8 +18,8 @@ class CannotFitError(Exception):
 class IntegerBuilder:
     """Builds a list of nodes; equal nodes are shared.
 
-    `errors` bounds the error of each node against the real value if all inputs and states are exact
-    (decision 0193). A shared node has the largest of its bounds.
+    `errors` bounds the error of each node against the real value, if the words and memories that it
+    reads are exact (decision 0193). A shared node has the largest of its bounds.
     """
 
     def __init__(self, width: integer.Width) -> None:

@@ -78,7 +78,7 @@ def pivots(bodies: RigidBodies, matrix: Entries) -> list[Number]:
 def _factorised(parents: list[int], matrix: Entries) -> tuple[Entries, list[Number]]:
     """L and D of M = Lᵀ D L, from the leaves to the base, which preserves structural zeros.
 
-    (Featherstone 2008, section 6.5.) M is positive definite, so rows are not exchanged.
+    See Featherstone 2008, section 6.5. M is positive definite, so rows are not exchanged.
     """
     factors = [list(row) for row in matrix]
     for k in reversed(range(len(parents))):

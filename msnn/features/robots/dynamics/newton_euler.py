@@ -24,10 +24,10 @@ def joint_forces(
 ) -> list[Number]:
     """The torque or force of each joint: M(q) ddq + C(q, dq) dq + g(q), without armature.
 
-    (Luh, Walker, Paul 1980; Featherstone: Rigid Body Dynamics Algorithms, 2008, section 5.3), in
-    the frames of the bodies. A point at r of a body has the acceleration a + B r with B = [α]× +
-    [ω]× [ω]×. The force is f = m a + B h. The moment is n = ∫ r × (a + B r) dm = h × a + (the axial
-    vector of B Σ − (B Σ)ᵀ).
+    Computed in the frames of the bodies (Luh, Walker, Paul 1980; Featherstone: Rigid Body Dynamics
+    Algorithms, 2008, section 5.3). A point at r of a body has the acceleration a + B r with B =
+    [α]× + [ω]× [ω]×. The force is f = m a + B h. The moment is n = ∫ r × (a + B r) dm = h × a +
+    (the axial vector of B Σ − (B Σ)ᵀ).
     """
     poses = bodies.poses(q)
     tree = bodies.robot.bodies

@@ -26,8 +26,8 @@ _AFTER_INIT = (2, 0)
 """The same for the runs that start from `init`, without a past. They are the last runs."""
 _SELFTEST_OPENING = 2
 _FILLED = 90
-"""Byte that fills the memory before `reset`. Bytes of 255 would be words of -1, too close to the 0
-that a missing initialisation should not pass as."""
+"""Byte that fills the memory before `reset`. Bytes of 255 would be words of -1, so close to 0 that
+a test might miss a missing initialisation."""
 
 
 def selftest_functions(program: IntegerProgram, names: FixedNames) -> list[str]:

@@ -28,7 +28,7 @@ Elements = NDArray[np.object_]
 """Forms or conditions in the shape of a node, after an axis of length 1."""
 
 _LONGEST = 4
-"""Terms up to which a sum is not yet rounded: it may become a part of another one."""
+"""Maximum number of terms of a sum that stays unrounded, as it may become part of another sum."""
 
 
 class UnsupportedError(Exception):
@@ -40,7 +40,7 @@ class UnsupportedError(Exception):
 
 
 class Lowering(ElementwiseForms):
-    """The values of one graph; what it reads comes from `reads` (signals, logs) and `states`."""
+    """Computes forms of the nodes of one graph; `reads` gives signals and logs, `states` states."""
 
     def __init__(
         self,
