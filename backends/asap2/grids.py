@@ -1,4 +1,4 @@
-"""Finds the knots along the axes of parameters: of tables, and of fuzzy sets with fixed centres."""
+"""Finds the axis points of parameters: of lookup tables, and of fuzzy sets with fixed centres."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from compiler.ir.types import UNNAMED, Type
 
 
 def grids(program: Program) -> dict[str, Knots]:
-    """By axis: ascending numbers that a value without this axis is compared with or reduced by.
+    """The axis points by name of the axis: ascending constants that a value is compared with.
 
-    An axis for which there are two different lists has none.
+    The value is compared with the points or reduced by them, and does not have the axis itself. An
+    axis with two different lists is omitted.
     """
     graph = program.step
     found: dict[str, set[Knots]] = {}
@@ -39,7 +40,7 @@ def grids(program: Program) -> dict[str, Knots]:
 
 
 def knots_of(parameter: Parameter, grids: dict[str, Knots]) -> tuple[Knots, ...]:
-    """The knots of a curve or a map: every axis has them, and there are one or two."""
+    """The axis points of a curve or map with one or two axes; empty unless all axes have points."""
     # an axis of one element, as that of a layer's only argument, moves nothing in memory
     axes = [axis for axis in parameter.axes if axis.size > 1]
     if not 1 <= len(axes) <= 2 or any(axis.name not in grids for axis in axes):
@@ -55,7 +56,7 @@ def _ascends(values: tuple[float, ...]) -> bool:
 
 
 def _looked_up(graph: Graph, node: NodeId) -> str | None:
-    """The scalar input or state that a value is, whatever its shape and name are."""
+    """The scalar input or state that a value copies, ignoring shape and name; None for others."""
     while isinstance(graph[node].op, ops.Broadcast | ops.Reshape | ops.Identity):
         (node,) = graph[node].args
     if graph[node].type.size != 1:
@@ -68,7 +69,7 @@ def _looked_up(graph: Graph, node: NodeId) -> str | None:
 
 
 def _names_downstream(graph: Graph, first: NodeId, name: str) -> set[str]:
-    """The names that the axis has in what is computed along it; unnamed ones say nothing."""
+    """All names that an axis has in values computed along it; unnamed axes are ignored."""
     along: dict[NodeId, str] = {first: name}
     for index, node in graph:
         if index in along:
@@ -81,7 +82,7 @@ def _names_downstream(graph: Graph, first: NodeId, name: str) -> set[str]:
 
 
 def _renamed(name: str, before: Type, node: Node) -> str | None:
-    """The name of the axis in a result, None where it has none."""
+    """The name of the axis in a result; None if the result lacks the axis."""
     if isinstance(node.op, ops.Reshape):
         if before.shape != node.type.shape:
             return None

@@ -1,4 +1,4 @@
-"""Defines what an ASAP2 file says of a number or an array in the memory of generated C."""
+"""Defines the contents of an ASAP2 file about objects in the memory of generated C."""
 
 from __future__ import annotations
 
@@ -8,49 +8,49 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 Struct: TypeAlias = Literal["params", "in", "out", "state", "calibration"]
-"""A struct of the header, by the middle of its type's name."""
+"""A struct of the header, by the middle part of its type name."""
 
 Storage: TypeAlias = Literal["FLOAT32_IEEE", "FLOAT64_IEEE", "SWORD", "SLONG", "A_INT64", "ULONG"]
-"""How a number lies in memory, in ASAP2's words."""
+"""The ASAP2 name of the data type of an element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The quantity of numbers: physical = factor · stored; stored as they are by None."""
+    """The scaling of stored values: physical = factor · stored; None stores physical values."""
 
     unit: str
-    """Empty where the spec gives none."""
+    """Empty if the spec has no unit."""
     factor: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Knots:
-    """The numbers along one axis of a curve or a map, which are part of the code."""
+    """The points along one axis of a curve or a map, which are constants in the code."""
 
     values: tuple[float, ...]
     unit: str
     of: str | None
-    """The input or state that is looked up, by its name in the spec; None for what is computed."""
+    """The input or state that is looked up, by its name in the spec; None for a computed value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MemoryObject:
-    """A member of a struct: a parameter, or what can be measured."""
+    """A member of a struct: a parameter or a measurement."""
 
     name: str
-    """In the spec."""
+    """The name in the spec."""
     member: str
     struct: Struct
     doc: str
     axes: tuple[tuple[str, int], ...]
-    """Names and lengths, in C order."""
+    """Names and lengths of the axes, in C order."""
     scale: Scale
     low: float
     high: float
-    """Physical; infinite where the storage alone limits it."""
+    """Physical limit; infinite if only the data type limits it."""
     storage: Storage
     knots: tuple[Knots, ...] = ()
-    """One for each axis of a curve or a map that is longer than 1, else none."""
+    """For a curve or a map, the points of each axis longer than 1; otherwise empty."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -63,12 +63,12 @@ class MemoryObject:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A range of memory of its own, which a variable of the C fills."""
+    """A separate memory range, which one C variable fills."""
 
     type: str
-    """Of the variable."""
+    """The C type of the variable."""
     section: str
-    """As a linker knows it."""
+    """The linker section."""
     size: int
 
 
@@ -81,12 +81,12 @@ class CalibratedModel:
 
     name: str
     prefix: str
-    """Begins the names of its types in C, and of all that stands in the file."""
+    """Prefix of the C type names and of all names in the file."""
     doc: str
     version: str
-    """Of the spec that it was made of."""
+    """The version of the spec from which it was generated."""
     objects: Sequence[MemoryObject] = field(default=())
     segment: Segment | None = None
-    """Where parameters lie that have a place of their own."""
+    """The memory segment of the parameters, if they have their own."""
     remark: str = ""
-    """Said at the head of the file."""
+    """A remark for the head of the file."""

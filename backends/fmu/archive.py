@@ -1,4 +1,4 @@
-"""Packs files into an archive: the same bytes for the same files, on every day and machine."""
+"""Packs files into a ZIP archive; the same files give the same bytes on every day and machine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 _DATE = (1980, 1, 1, 0, 0, 0)
-"""The first day that archives know: files of a unit have no other."""
+"""The earliest date that ZIP supports, used for all files of a unit."""
 
 BINARIES = "binaries/"
 
@@ -32,6 +32,6 @@ def archive(files: Mapping[str, bytes]) -> bytes:
 
 
 def holds_binary(path: Path) -> bool:
-    """Whether the unit in a file was compiled for a machine."""
+    """True if the unit in this file contains a compiled binary."""
     with zipfile.ZipFile(path) as packed:
         return any(name.startswith(BINARIES) for name in packed.namelist())

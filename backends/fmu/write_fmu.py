@@ -1,4 +1,4 @@
-"""Writes a model as Functional Mock-up Units of FMI 2.0 and 3.0: an archive each."""
+"""Writes a model as Functional Mock-up Units, one archive each for FMI 2.0 and 3.0."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def write_fmu(
     options: COptions,
     platforms: Collection[str] = (),
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>_fmi2.fmu`, `<prefix>_fmi3.fmu`, FMI's headers and a README; their paths.
+    """Writes `<prefix>_fmi2.fmu`, `<prefix>_fmi3.fmu`, FMI headers and a README; returns paths.
 
-    `program` is in step form. Bytes and errors are those of `write_units`; ValueError besides, as
-    `write_c` raises it.
+    `program` is in step form. Bytes and errors are those of `write_units`. Also raises ValueError,
+    like `write_c`.
     """
     interface = c_interface(program, options)
     physical = physical_weights(program, weights)
@@ -79,7 +79,7 @@ def _status_doc(interface: Interface) -> str:
 
 
 def _depends(interface: Interface, variables: UnitVariables) -> dict[str, Sequence[Variable]]:
-    """By the pattern of D, whose rows are outputs and whose columns are inputs."""
+    """The inputs on which each output depends, from the sparsity of D (outputs, inputs)."""
     assert interface.jacobian is not None
     found = interface.jacobian.jacobian
     direct = next(matrix for matrix in found.matrices if matrix.name == "D")

@@ -1,4 +1,4 @@
-"""Writes the archives of a unit, one for each version of FMI, and the headers beside them."""
+"""Writes the archives of a unit, one for each version of FMI, and the FMI headers."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def write_units(
     folder: Path,
     platforms: Collection[str] = (),
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>_fmi2.fmu` and `<prefix>_fmi3.fmu`; their paths.
+    """Writes `<prefix>_fmi2.fmu` and `<prefix>_fmi3.fmu`; returns their paths.
 
-    `model` are sources that both versions share, `unit` adds those of a version that has a token,
-    all by names of files in one folder. The same arguments give the same bytes, but for the binary
-    that the compiler of this machine makes; without one, units have their sources alone. Those for
-    other `platforms`, by their names in FMI 3.0, are made by zig, which must be there. Raises
-    CompilerFailedError for a compiler that rejects them, and OSError.
+    `model` are the sources that both versions share. `unit` adds those of one version with a given
+    token; both map file names to texts. The same arguments give the same bytes, except for the
+    binary from this machine's compiler; without a compiler, units contain only sources. zig, which
+    must be installed, compiles for other `platforms`, given by their FMI 3.0 names. Raises
+    CompilerFailedError for a compiler that rejects the sources, and OSError.
     """
     compilers = _compilers(platforms)
     written: list[Path] = []
@@ -56,7 +56,7 @@ def write_units(
 
 
 def write_headers(folder: Path) -> tuple[Path, ...]:
-    """Writes `include/` with the headers of FMI; their paths."""
+    """Writes `include/` with the FMI headers; returns their paths."""
     return tuple(
         write_text(folder / "include" / name, (HEADERS / name).read_text(encoding="utf-8"))
         for name in sorted(name for names in _HEADERS_OF.values() for name in names)
@@ -64,7 +64,7 @@ def write_headers(folder: Path) -> tuple[Path, ...]:
 
 
 def _compilers(platforms: Collection[str]) -> dict[Platform, Sequence[str]]:
-    """The compiler of each platform: this machine's own compiler for its own, if it has one."""
+    """The compiler of each platform; this machine's own compiler serves its own platform."""
     here = this_platform()
     found: dict[Platform, Sequence[str]] = {}
     if here is not None:
@@ -80,7 +80,7 @@ def _compilers(platforms: Collection[str]) -> dict[Platform, Sequence[str]]:
 def _files(
     facts: UnitFacts, version: Version, sources: Mapping[str, str], token: str
 ) -> dict[str, bytes]:
-    """Everything in the archive but the binary, by path."""
+    """All files of the archive except the binary, by path."""
     compiled = sorted(name for name in sources if name.endswith(".c"))
     texts = {f"sources/{name}": text for name, text in sources.items()}
     if version == 2:
@@ -94,7 +94,7 @@ def _files(
 
 
 def _licence(version: Version) -> str:
-    """The words of the README, and the licence that stands in FMI's headers."""
+    """A statement about generated code, and the licence text of the FMI headers."""
     header = (HEADERS / _HEADERS_OF[version][0]).read_text(encoding="utf-8")
     # the licence of the headers must go with what is compiled from them
     begin = header.index("Copyright (C)")
@@ -107,7 +107,7 @@ def _licence(version: Version) -> str:
 
 
 def _token(facts: UnitFacts, version: Version, sources: Mapping[str, str]) -> str:
-    """An identifier of what the unit computes and shows: another model has another one."""
+    """A hash of all files of the unit, as a GUID; different models have different tokens."""
     digest = hashlib.sha256()
     for path, data in sorted(_files(facts, version, sources, "").items()):
         # lengths too, so that no two lists of files give the same bytes

@@ -1,4 +1,4 @@
-"""The commands of zig, which brings headers and libraries for other machines."""
+"""The commands of zig, which includes headers and libraries for other platforms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from backends.fmu.binary import Platform
 
 
 def zig_compiler(target: Platform) -> tuple[str, ...]:
-    """The command of the wheel `ziglang` for a kind of machine."""
+    """The command of the wheel `ziglang` for a platform."""
     command = (str(_zig()), "cc", "-target", target.target)
     return (*command, *_without_mingw()) if target.suffix == "dll" else command
 
@@ -26,9 +26,9 @@ def _zig() -> Path:
 
 
 def _without_mingw() -> tuple[str, ...]:
-    """Links what Windows brings itself: zig has MinGW's C library as source alone.
+    """Links libraries of Windows itself, as zig has the C library of MinGW only as source code.
 
-    To compile that takes a minute, and units call nothing of it (decision 0395).
+    Compiling that takes a minute, and units call nothing of it (decision 0395).
     """
     headers = zig_libraries() / "include" / "any-windows-any"
     libraries = (f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("heap", "string", "math"))

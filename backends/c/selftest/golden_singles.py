@@ -60,7 +60,7 @@ def golden_singles(
 ) -> GoldenSingles | None:
     """Steps that detect errors which plain golden steps miss; None if there are none.
 
-    Also None for a large step, which is tested by golden runs only.
+    Also None for a large step, which only golden runs test.
     """
     steps = TrialSteps(program, interface, weights, starts)
     if steps.computed > _LARGEST:

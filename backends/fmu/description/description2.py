@@ -1,4 +1,4 @@
-"""Writes the model description of FMI 2.0, in which every number is a variable of its own."""
+"""Writes the model description of FMI 2.0, in which every element is a separate variable."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ CAUSALITY: dict[VariableKind, tuple[str, str, str | None]] = {
     VariableKind.SAMPLES: ("parameter", "fixed", "exact"),
     VariableKind.FIRST: ("parameter", "fixed", "exact"),
 }
-"""Causality, variability and `initial` of a variable."""
+"""Causality, variability and `initial` by kind of variable."""
 
 
 def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str:
-    """`modelDescription.xml`; `sources` are the files to compile."""
+    """The text of `modelDescription.xml`; `sources` are the files to compile."""
     variables = facts.variables
     root = element(
         "fmiModelDescription",
@@ -75,14 +75,14 @@ def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
 
 
 def add_log_categories(root: Element) -> None:
-    """Adds the categories of the unit's messages; both versions list them alike."""
+    """Adds the categories of log messages, which are the same in both versions."""
     categories = child(root, "LogCategories")
     for name, meaning in LOG_CATEGORIES.items():
         child(categories, "Category", {"name": name, "description": meaning})
 
 
 def naming(facts: UnitFacts) -> str:
-    """FMI's convention that the names of the variables keep to."""
+    """The FMI naming convention that the names of all variables follow."""
     names = [variable.name for variable in facts.variables.all]
     return "structured" if is_structured(names) else "flat"
 
@@ -94,7 +94,7 @@ def experiment(facts: UnitFacts) -> dict[str, str | None]:
 
 
 def limits(variable: Variable) -> dict[str, str | None]:
-    """Attributes of a number that both versions have."""
+    """Attributes with limits and unit that both versions share."""
     low, high = variable.range or (-float("inf"), float("inf"))
     return {
         "unit": variable.unit and variable.unit.text,
@@ -125,7 +125,7 @@ def _scalar(listed: Element, name: str, reference: int, doc: str, kind: Variable
 
 
 def _add_structure(root: Element, facts: UnitFacts) -> None:
-    """Outputs and what they depend on; places in the list of variables begin with 1."""
+    """Adds the outputs and their dependencies; indices into the list of variables start at 1."""
     structure = child(root, "ModelStructure")
     outputs, initial = child(structure, "Outputs"), child(structure, "InitialUnknowns")
     for variable in facts.variables.of(VariableKind.OUTPUT):

@@ -1,4 +1,4 @@
-"""Writes the descriptions of FMI 3.0: of the model, whose arrays stay whole, and of its build."""
+"""Writes the FMI 3.0 descriptions of the model, with whole arrays, and of its build."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from backends.fmu.description.xml_text import child, element, number_text, xml_t
 
 
 def description_text(facts: UnitFacts, token: str) -> str:
-    """`modelDescription.xml`."""
+    """The text of `modelDescription.xml`."""
     variables = facts.variables
     root = element(
         "fmiModelDescription",
@@ -75,7 +75,7 @@ def description_text(facts: UnitFacts, token: str) -> str:
 
 
 def build_text(prefix: str, sources: Sequence[str]) -> str:
-    """`sources/buildDescription.xml`."""
+    """The text of `sources/buildDescription.xml`."""
     root = element("fmiBuildDescription", {"fmiVersion": "3.0"})
     build = child(root, "BuildConfiguration", {"modelIdentifier": prefix})
     files = child(
@@ -109,7 +109,7 @@ def _add(listed: Element, variable: Variable, facts: UnitFacts) -> None:
 
 
 def _add_own(listed: Element, facts: UnitFacts) -> None:
-    """The variables that no spec names."""
+    """Adds the variables that do not come from the spec."""
     variables = facts.variables
     _add_count(listed, variables.status, variables.status_reference, facts.status_doc)
     if variables.iterations is not None:

@@ -1,4 +1,4 @@
-"""Holds what the descriptions of a unit say beside its variables."""
+"""Defines the contents of a unit's description besides its variables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from backends.c_language.literals import Dtype
 from backends.fmu.description.variable import UnitVariables, Variable
 
 ERROR, WARNING = "logStatusError", "logStatusWarning"
-"""Categories of messages; the names are FMI's."""
+"""Categories of log messages, with FMI's names."""
 
 LOG_CATEGORIES = {ERROR: "what was refused, and why", WARNING: "status bits that a step has set"}
 
@@ -18,23 +18,23 @@ ITERATIONS_DOC = "that the last step took"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitFacts:
-    """One model as both versions of FMI describe it."""
+    """The description of one model, used by both versions of FMI."""
 
     model: str
     made_by: str
-    """The version of msnn, and of the plug-ins of the spec."""
+    """The version of msnn, and of the plug-ins that the spec uses."""
     identity: str
-    """The version of the model: a hash of its C, weights and options among it."""
+    """The version of the model: a hash of C code, weights and options."""
     prefix: str
-    """The identifier of the model: names of functions and files."""
+    """The model identifier, the prefix of functions and files."""
     doc: str
     dtype: Dtype
     sample_time: float | None
-    """Seconds; None for a static model, whose steps may be of any length."""
+    """In seconds; None for a static model, whose steps may have any length."""
     variables: UnitVariables
     labels: Mapping[str, Sequence[str]]
-    """Of the elements of dimensions."""
+    """Labels of the elements of each dimension, by name of the dimension."""
     depends: Mapping[str, Sequence[Variable]] | None
-    """The inputs that each output depends on in the same step; None where no slopes are there."""
+    """The inputs on which each output depends in the same step; None if there is no Jacobian."""
     status_doc: str
-    """What the numbers of the status mean."""
+    """The meaning of the status values."""

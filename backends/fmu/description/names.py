@@ -1,4 +1,4 @@
-"""Names variables as FMI wants them: its conventions, and the elements of arrays in FMI 2.0."""
+"""Names variables by FMI's conventions, including the elements of arrays in FMI 2.0."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from compiler.ir.types import WINDOW, Axis
 
 
 class VariableNames:
-    """Different names; those of the spec come first."""
+    """Unique names; names of the spec have priority."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
 
     def add(self, name: str) -> str:
-        """The name, with a number behind it where it is taken."""
+        """Returns the name, with an appended number if it is already taken."""
         found, number = name, 2
         while found in self._taken:
             found, number = f"{name}_{number}", number + 1
@@ -26,13 +26,16 @@ class VariableNames:
 
 
 def is_structured(names: Collection[str]) -> bool:
-    """Whether names keep to FMI's `structured` convention: identifiers of ASCII with dots."""
+    """True if all names follow FMI's `structured` convention: ASCII identifiers with dots."""
     # the convention that allows dots: `plant.x` is a member there
     return all(part.isascii() and part.isidentifier() for name in names for part in name.split("."))
 
 
 def element_names(variable: Variable, labels: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Name and description of each number for FMI 2.0, `W[2,1]`; labels and samples are told."""
+    """Name and description of each element for FMI 2.0, such as `W[2,1]`.
+
+    Descriptions include labels and sample times.
+    """
     if not variable.shape:
         return [(variable.name, variable.doc)]
     found: list[tuple[str, str]] = []

@@ -1,4 +1,4 @@
-"""Describes units to FMI: their symbols, and how they are made of those of the SI."""
+"""Describes units to FMI: their symbols, and their conversion to SI base units."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spec_schema.units.unit import Unit
 
 
 def add_units(root: Element, units: Iterable[Unit | None]) -> None:
-    """`UnitDefinitions` of these units, each once; none where there are none."""
+    """Adds `UnitDefinitions` with each of these units once; adds nothing if there are none."""
     known = {unit.text: unit for unit in units if unit is not None}
     if not known:
         return
@@ -24,7 +24,7 @@ def add_units(root: Element, units: Iterable[Unit | None]) -> None:
 
 
 def _base(unit: Unit) -> dict[str, str] | None:
-    """value in SI = factor · value + offset; None for what FMI cannot say: m^0.5, decibels."""
+    """SI value = factor · value + offset; None for units that FMI lacks: m^0.5, decibels."""
     # FMI's base units have integer powers
     if any(power != int(power) for power in unit.exponents):
         return None

@@ -1,4 +1,4 @@
-"""Defines what FMI shows of a variable, and where the C keeps its numbers."""
+"""Defines the variables of a unit, and where the C code stores them."""
 
 from __future__ import annotations
 
@@ -30,33 +30,36 @@ class VariableKind(Enum):
 
     @property
     def is_start(self) -> bool:
-        """Whether it can be set before the first step alone."""
+        """True if the variable can be set only before the first step."""
         return self in (VariableKind.SAMPLES, VariableKind.FIRST)
 
     @property
     def is_result(self) -> bool:
-        """Whether it cannot be set."""
+        """True if the variable cannot be set."""
         return self in (VariableKind.OUTPUT, VariableKind.STATE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variable:
-    """Numbers of one name, in C order; FMI 3.0 knows it by `first`, FMI 2.0 each number by its
-    own: `first` and those that follow."""
+    """The elements of one name, in C order.
+
+    FMI 3.0 refers to it by `first`, FMI 2.0 refers to its elements by `first` and the following
+    numbers.
+    """
 
     name: str
     kind: VariableKind
     place: str
-    """The member of the C struct that keeps everything of an instance."""
+    """The member of the C struct with all data of an instance."""
     axes: tuple[Axis, ...]
     unit: Unit | None
     range: Range
     doc: str
     start: NDArray[Any]
-    """In C order, (size,); of results nothing reads it."""
+    """Start values in C order, (size,); unused for results."""
     first: int = 0
     first_sample: int = 0
-    """Of the window axis, counted from the sample of the step."""
+    """First sample of the window axis, relative to the sample of the step."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -69,18 +72,19 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class UnitVariables:
-    """All variables, with those that no spec names."""
+    """All variables, including those that do not come from the spec."""
 
     all: tuple[Variable, ...]
     status: str
-    """The name of the status of the last step."""
+    """The name of the variable with the status of the last step."""
     time: str
     iterations: str | None = None
-    """The name of how many iterations the last step took; None where it does not iterate."""
+    """The name of the variable with the number of iterations of the last step; None if it does not
+    iterate."""
 
     @property
     def status_reference(self) -> int:
-        """Behind all numbers."""
+        """The value reference of the status, after all other elements."""
         return sum(variable.size for variable in self.all)
 
     @property
@@ -106,7 +110,7 @@ def member_variable(
     range: Range = None,
     first_sample: int = 0,
 ) -> Variable:
-    """A member of a vector that the C keeps as one `array`."""
+    """A member of a vector that the C code stores as one `array`."""
     return Variable(
         name=name,
         kind=kind,
@@ -121,7 +125,7 @@ def member_variable(
 
 
 def residual_variable(name: str, scale: str) -> Variable:
-    """The variable that tells how far from optimal a solve ended."""
+    """The variable with the largest violation of the optimality conditions of a solution."""
     return Variable(
         name=name,
         kind=VariableKind.OUTPUT,
@@ -135,7 +139,7 @@ def residual_variable(name: str, scale: str) -> Variable:
 
 
 def placed(variables: Iterable[Variable]) -> tuple[Variable, ...]:
-    """The same with references: each begins behind the numbers of the one before."""
+    """The variables with value references; each follows the elements of the previous one."""
     found: list[Variable] = []
     # FMI 2.0 knows each number by a reference: arrays take as many as they have
     for variable in variables:
@@ -145,5 +149,5 @@ def placed(variables: Iterable[Variable]) -> tuple[Variable, ...]:
 
 
 def one_line(*facts: str) -> str:
-    """One line of text."""
+    """The non-empty texts joined into one line."""
     return "; ".join(text for fact in facts if (text := " ".join(fact.split())))

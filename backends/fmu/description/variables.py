@@ -1,4 +1,4 @@
-"""Lists the variables of a unit: those that the C has, with what the spec says of them."""
+"""Lists the variables of a unit, with their C storage and their descriptions from the spec."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from compiler.ir.program import Declared, Parameter, Program, State
 Weights = Mapping[str, NDArray[Any]]
 
 FIRST = "first"
-"""The member of the C struct for first values of states that need no record."""
+"""The member of the C struct with first values of states that need no recording."""
 
 
 def unit_variables(program: Program, interface: Interface, weights: Weights) -> UnitVariables:
-    """The variables of a program in step form, as its C knows it."""
+    """The variables of a program in step form, with the names of its C code."""
     names = VariableNames()
     found = [
         # the order of this list is that of the references, which importers keep: new kinds come
@@ -160,7 +160,7 @@ def _samples(interface: Interface, names: VariableNames) -> Iterable[Variable]:
 def _first_values(
     program: Program, interface: Interface, weights: Weights, names: VariableNames
 ) -> Iterable[Variable]:
-    """The first values of states whose `init` reads no record."""
+    """The first values of states whose `init` reads no recording."""
     dtype = interface.options.dtype
     free = [m for m in _declared(interface) if m.state.name not in interface.from_record]
     values = _values_at_start(program, [m.state for m in free], weights, dtype)
@@ -188,7 +188,7 @@ def _values_at_start(
 
 
 def rounded_range(range: Range, dtype: Dtype) -> Range:
-    """The limits as the C compares with them."""
+    """The limits rounded to the type with which the C code compares."""
     if range is None:
         return None
     # a limit of 0.1 is another number in float32: the C compares with that one
@@ -197,7 +197,7 @@ def rounded_range(range: Range, dtype: Dtype) -> Range:
 
 
 def _around(range: Range, values: NDArray[Any]) -> Range:
-    """The range, if the values are in it: FMI wants that of every start value."""
+    """The range if all values are within it, else None: FMI requires it of start values."""
     if range is None or not ((values >= range[0]) & (values <= range[1])).all():
         return None
     return range

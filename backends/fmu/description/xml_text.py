@@ -1,4 +1,4 @@
-"""Makes XML documents of elements, the same bytes for the same elements."""
+"""Builds XML documents; the same elements give the same bytes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 
 _NO_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML 1.0 cannot hold, not even escaped."""
+"""Characters that XML 1.0 cannot represent, not even escaped."""
 
 Attributes = Mapping[str, str | None]
 
@@ -20,12 +20,12 @@ def element(name: str, attributes: Attributes) -> Element:
 
 
 def child(parent: Element, name: str, attributes: Attributes | None = None) -> Element:
-    """The same as the last in its parent."""
+    """Adds such an element as the last child of its parent."""
     return SubElement(parent, name, _written(attributes or {}))
 
 
 def xml_text(root: Element) -> str:
-    """The document; quotes, brackets and line ends of any text are escaped."""
+    """The document; quotes, angle brackets and line ends of any text are escaped."""
     indent(root)
     # line ends in attributes are written as references: XML reads a bare one as a blank
     body = tostring(root, encoding="unicode")
@@ -33,7 +33,7 @@ def xml_text(root: Element) -> str:
 
 
 def number_text(value: float) -> str:
-    """The shortest text that is read as this number: exactly, of single precision too."""
+    """The shortest text from which this value is read exactly, also in single precision."""
     number = float(value)
     if not np.isfinite(number):
         return "NaN" if np.isnan(number) else "-INF" if number < 0 else "INF"

@@ -1,1 +1,1 @@
-"""Arranges what a kernel computes: when it can run, and what is summed together."""
+"""Splits the computation of a kernel into phases, and groups sums."""

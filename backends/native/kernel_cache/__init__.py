@@ -1,1 +1,1 @@
-"""Keeps built kernels: in which folder, how whole ones are known, what is thrown away."""
+"""Caches built kernels: chooses the folder, detects damaged files, removes old kernels."""

@@ -1,4 +1,4 @@
-"""Finds steps at which both sides of a decision are equal: they come nearer move by move."""
+"""Finds steps at which both sides of a decision are equal, by a random local search."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_t
 Array = NDArray[Any]
 
 _BEGUN = 8
-"""Steps of each decision that are moved."""
+"""Number of initial steps per decision."""
 _ROUNDS, _COPIES = 48, 24
 _NEAR = 5e-4
-"""A difference at which a limit that is 0.001 instead of 0 shows."""
+"""Maximum difference at which a limit of 0.001 instead of 0 changes the result."""
 _MOVED = (0.1, 0.3, 0.6)
-"""Shares of the numbers that move in a copy, by turns."""
+"""Fraction of the elements that move in a round, alternating."""
 _REACH = 0.97
-"""Of the binary digits of a number: a move changes the code by up to two to this power, in every
-second copy less and less from round to round."""
+"""Exponent of the largest move, as a fraction of the bits of a float. In every second copy the
+moves shrink from round to round."""
 
 
 def descended(
@@ -35,14 +35,12 @@ def descended(
     random: np.random.Generator,
     held: float = 0.0,
 ) -> Trials:
-    """Steps at which the two sides of one of these decisions are equal, and some that are near,
-    where any are found.
+    """Steps at which both sides of one of these decisions are equal, and some nearby steps.
 
-    A product hits 0 only where both factors are tiny, a sum only at few of the numbers beside the
-    place where its sign changes. So some steps of each decision take moves, large and small, that
-    bring its two sides nearer to each other, until they are equal. A share of the numbers of each
-    step can be `held`: the shortest way to a small quotient is a huge divisor, and ends where the
-    dividend overflows.
+    The result may be empty. A product is 0 only if both factors are tiny, and a sum only at few
+    floats near its change of sign. So some steps of each decision take small and large moves that
+    reduce the difference, until it is 0. `held` is the fraction of elements of each step that do
+    not move: otherwise the search for a small quotient ends with a huge divisor and an overflow.
     """
     gaps = _gaps(steps, decisions, drawn, which)
     # |x| and x are 0 at the same steps
@@ -91,7 +89,7 @@ def moved(
     random: np.random.Generator,
     moving: NDArray[np.bool_] | bool = True,
 ) -> Array:
-    """Numbers of steps, each changed by some move where it is not held."""
+    """The elements of all steps after random moves; elements with a False in `moving` stay."""
     most = np.full((len(numbers), 1), _REACH * (8 * steps.dtype.itemsize - 1))
     most[::2] *= 1.0 - turn / turns
     sizes = np.exp2(most * random.random(most.shape))
@@ -102,7 +100,10 @@ def moved(
 
 
 def allowed(numbers: Array, steps: TrialSteps) -> Array:
-    """Parameters with the sign that the model gives them, and inputs that no policy replaces."""
+    """Limits parameters to the sign that the model requires, and inputs to their valid range.
+
+    Only inputs whose policy replaces invalid values are limited.
+    """
     low, high = steps.bounds
     found = numbers.copy()
     found[:, steps.tuned] = np.clip(found[:, steps.tuned], low, high)
@@ -118,7 +119,7 @@ def allowed(numbers: Array, steps: TrialSteps) -> Array:
 def _gaps(
     steps: TrialSteps, decisions: Decisions, trials: Trials, which: NDArray[np.int64]
 ) -> Array:
-    """The distances between the sides of these decisions, infinite where one is no number."""
+    """The absolute differences of both sides of these decisions, infinite if a side is NaN."""
     return decisions.gaps(steps.run(trials), len(trials), which)
 
 

@@ -11,8 +11,9 @@ Codes = NDArray[np.int64]
 
 
 def codes_of(numbers: NDArray[Any]) -> Codes:
-    """The index of each float in the order of its type; 0 and -0 are 0, negative floats are
-    negative.
+    """The index of each float in ascending order.
+
+    0 and -0 have index 0, and negative floats have negative indices.
     """
     words = np.ascontiguousarray(numbers).view(f"i{numbers.itemsize}").astype(np.int64)
     # the bits increase with the magnitude; the sign bit gives the sign of the code
@@ -21,13 +22,13 @@ def codes_of(numbers: NDArray[Any]) -> Codes:
 
 
 def numbers_of(codes: Codes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The floats with these codes."""
+    """The floats with these codes, the inverse of `codes_of`."""
     words = np.abs(codes).astype(f"i{dtype.itemsize}")
     return np.copysign(words.view(dtype), np.where(codes < 0, -1.0, 1.0).astype(dtype))
 
 
 def between(left: Codes, right: Codes) -> Codes:
-    """The middle, rounded towards the left."""
+    """The middle of two codes, rounded towards the left one."""
     # the difference of two float64 codes may overflow
     half = right // 2 - left // 2
     # close codes need the exact half, as separately rounded halves may not change
@@ -35,7 +36,7 @@ def between(left: Codes, right: Codes) -> Codes:
 
 
 def distance(left: Codes, right: Codes) -> NDArray[np.uint64]:
-    """The number of floats between those with these codes."""
+    """The number of adjacent floats from one code to the other."""
     # the distance of two float64 may exceed int64; the unsigned difference is exact
     return np.maximum(left, right).view(np.uint64) - np.minimum(left, right).view(np.uint64)
 

@@ -1,4 +1,4 @@
-"""Finds steps at which one slope is infinite while no other is."""
+"""Finds steps at which exactly one entry of the Jacobian is infinite."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Array = NDArray[Any]
 
 _DRAWN, _FRESH, _ROUNDS = 4096, 256, 32
 _COPIES = 48
-"""Of the best step so far of each slope, with other numbers here and there."""
+"""Copies of the best step for each entry, with some random elements."""
 _OTHERS = (1.5, 3.0, 6.0)
-"""Numbers that are others, on average."""
+"""Average numbers of random elements in a copy; one is chosen per copy."""
 
 
 def slopes_alone(
     steps: TrialSteps, decisions: Decisions, random: np.random.Generator
 ) -> list[Trials]:
-    """For each slope that is found so a step, as plain as possible, at which it alone is infinite.
+    """For each Jacobian entry, the simplest found step at which only this entry is infinite.
 
-    Its parameters are for `linearize`: with the trained ones the bits of the step are promised.
-
-    A search by mutation: of each slope the step is kept at which the fewest others are infinite.
+    Entries without such a step are omitted. The parameters are for `linearize`; the step itself
+    uses the trained ones. The search keeps for each entry the step with the fewest other infinite
+    entries, and mutates it.
     """
     found = _Search(steps, decisions)
     found.look(trials_of_kinds(steps, np.arange(_DRAWN) % 4, random, infinite=True))
@@ -66,7 +66,8 @@ class _Search:
         self._steps, self._decisions = steps, decisions
         self.best: dict[int, Trials] = {}
         self.others: dict[int, int] = {}
-        """Twice how many others are infinite there, and one more where it is NaN."""
+        """For each entry, twice the number of other infinite entries in its best step, plus 1 if it
+        is NaN."""
 
     def look(self, trials: Trials) -> None:
         sizes = self._sizes(trials)
@@ -83,7 +84,7 @@ class _Search:
                     self.others[slope] = int(others[row, slope])
 
     def alone(self, trials: Trials) -> Array:
-        """Each slope that alone is infinite or NaN, 0 for all others, (B, slopes)."""
+        """The absolute values of entries that alone are infinite or NaN, else 0, (B, entries)."""
         sizes = self._sizes(trials)
         endless = ~np.isfinite(sizes)
         return np.where(endless & (endless.sum(axis=1) == 1)[:, np.newaxis], np.abs(sizes), 0.0)

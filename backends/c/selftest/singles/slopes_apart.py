@@ -1,4 +1,4 @@
-"""Moves steps to where one slope is infinite and all others are not, by how large slopes are."""
+"""Moves steps to where one Jacobian entry is infinite and all others are finite."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ Array = NDArray[Any]
 
 _DRAWN, _BEGUN = 4096, 16
 _SHORT, _LONG = (24, 24), (96, 48)
-"""Rounds of a search, and copies of each step in a round."""
+"""Rounds of a search, and copies of each step per round."""
 _NEAR = 4.0
-"""How far a short search may end from its aim for long ones to follow it."""
+"""Maximum remaining distance of a short search after which long searches follow."""
 _TRIES = 3
 _FRESH = 1.5
-"""Numbers that are drawn anew, on average, in every third copy: no path of moves leads to 0."""
+"""Average number of elements drawn again in every third copy, since moves never reach 0."""
 _FARTHEST = 2000.0
-"""Binades; of what is no number."""
+"""Distance of NaN, and maximum distance, in powers of 2."""
 
 
 def slopes_apart(
     steps: TrialSteps, decisions: Decisions, slopes: Sequence[int], random: np.random.Generator
 ) -> list[Trials]:
-    """For each of these slopes the steps that came nearest to where it alone is infinite.
+    """For each of these Jacobian entries, the step closest to making it the only infinite one.
 
-    That others are infinite says nothing of how far they are beyond the largest number; computed in
-    float64 they do: a step is as far from its aim as all others are beyond the largest float32 and
-    the slope itself is below it, in binades, and one for each slope that is on the wrong side in
-    float32, whose operations overflow on the way. A step takes moves that bring it nearer.
+    In float32 an infinite entry does not show its distance from the largest float, so entries are
+    computed in float64. The distance of a step is a sum, in powers of 2. It adds the excess of all
+    other entries over the largest float32, the shortfall of the entry itself, and 1 for each entry
+    with the wrong outcome in float32. Random moves reduce the distance.
     """
     # float64 has no wider twin that could say how far beyond the largest number a slope is
     if not slopes or steps.dtype != np.float32:
@@ -61,7 +61,7 @@ class _Search:
         self._largest = np.log2(float(np.finfo(steps.dtype).max))
 
     def brought(self, slope: int, rounds: int, copies: int) -> tuple[Trials, float]:
-        """The step that came nearest, and how far it is from its aim."""
+        """The closest step found, and its distance."""
         steps, random = self._steps, self._random
         drawn = trials_of_kinds(steps, np.arange(_DRAWN) % 4, random)
         # the twin judges distances, and of NaN and ∞ there is none
@@ -91,7 +91,7 @@ class _Search:
         return current.of(np.array([nearest])), float(left[nearest])
 
     def _far(self, trials: Trials, slope: int, below: Array) -> Array:
-        """The distance of each step from its aim; only where that is below a limit it is exact."""
+        """The distance of each step; it is exact only where it is smaller than `below`."""
         wide = Trials(trials.starts, trials.numbers.astype(np.float64))
         slopes = self._decisions.doubtful(self._twin.run(wide), len(wide))
         with np.errstate(divide="ignore"):

@@ -1,4 +1,4 @@
-"""Chooses few single steps that together show what plain golden steps do not."""
+"""Chooses few single steps that together detect errors which plain golden steps miss."""
 
 from __future__ import annotations
 
@@ -16,29 +16,31 @@ from backends.c.selftest.singles.slopes_alone import slopes_alone
 from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_trials
 
 _RARE = 5
-"""A change that shows in fewer of the plain steps may show in no golden step."""
+"""A change that fewer plain steps detect may remain undetected by golden steps."""
 _ASKED = 16
-"""Plain steps of which is asked at once what they show."""
+"""Number of plain steps evaluated at once."""
 _FIRST = 128
-"""Steps of which is asked first what they show; of the others only where that is not enough."""
+"""Number of steps evaluated first; later batches double in size until all changes are detected."""
 _TRIED = 300_000
-"""Pairs of a step and a change that are tried."""
+"""Maximum number of evaluated pairs of a step and a change."""
 _LIMIT = 1e-2
-"""How near a limit is near, relative to it."""
+"""Maximum distance from a limit, relative to the limit, of a step next to it."""
 _FEW = 8
-"""Of a decision of which both sides are equal in fewer steps more such steps are searched."""
+"""Decisions whose sides are equal in fewer steps are searched further."""
 _DESCENT = 1
 _HELD = (0.0, 0.5)
-"""Of the numbers: decisions that are not equal where all move are searched with some held."""
+"""Fractions of elements held fixed in the two searches for equal sides."""
 _MOST = 128
-"""Chosen steps of both kinds."""
+"""Maximum number of chosen steps of each of the two kinds."""
 
 
 def telling_steps(
     steps: TrialSteps, decisions: Decisions, seed: int
 ) -> tuple[list[Trials], list[Trials]]:
-    """Steps at which one slope alone is infinite; and steps next to the limits of what is checked,
-    or that show a change of an operand which few plain steps and none of the others show.
+    """The chosen steps: those with a single infinite Jacobian entry, and all others.
+
+    The others lie next to limits, on both sides of decisions, or detect a changed operand that few
+    plain steps and no earlier chosen step detect.
     """
     random = np.random.Generator(np.random.Philox(seed))
     drawn = drawn_trials(steps, random)
@@ -86,9 +88,10 @@ def telling_steps(
 def _rare(
     plain: Trials, changes: list[tuple[int, Change]], steps: TrialSteps
 ) -> list[tuple[int, Change]]:
-    """The changes that show in few of the plain steps.
+    """The changes that few plain steps detect.
 
-    Most show in nearly all: what has shown often enough is not tried in the other steps.
+    Most changes are detected by nearly all steps; once detected often enough, they are not
+    evaluated further.
     """
     counts, open = np.zeros(len(changes), np.int64), np.arange(len(changes))
     for rows in np.split(np.arange(len(plain)), range(_ASKED, len(plain), _ASKED)):
@@ -101,7 +104,7 @@ def _rare(
 def _choose(
     part: Trials, left: list[tuple[int, Change]], steps: TrialSteps, chosen: list[Trials]
 ) -> list[tuple[int, Change]]:
-    """Adds the steps of a part that show changes to the chosen ones; the changes still left."""
+    """Adds the steps of a part that detect changes to `chosen`; returns the undetected changes."""
     seen = steps.seen(part, left)
     chosen += [part.of(np.array([row])) for row in _cover(seen)]
     return [left[k] for k in np.flatnonzero(seen.sum(axis=0) == 0)]
@@ -110,8 +113,11 @@ def _choose(
 def _both_sides(
     beside: Boundaries, outcomes: Callable[[Trials], Outcomes], steps: TrialSteps
 ) -> list[Trials]:
-    """Pairs of steps, with trained parameters and finite results, between which each decision
-    changes: what C decides in its own way, as an interval of a table, is there among it."""
+    """Pairs of close steps between which each decision changes.
+
+    They have trained parameters and finite results. They also test decisions that C makes
+    differently, such as the interval of a table.
+    """
     if not len(beside.below):
         return []
     plain = np.ones(len(beside.below), np.bool_)
@@ -126,9 +132,9 @@ def _both_sides(
 
 
 def _at_limits(trials: Trials, decisions: Decisions, steps: TrialSteps) -> list[Trials]:
-    """For each limit of a number that the step checks, the steps next to it on both sides.
+    """For each limit of a checked element, the closest steps on both sides.
 
-    Nothing else is outside its range: one bit tells of all numbers.
+    All other elements are in range, because one status bit covers all elements.
     """
     rows: dict[int, None] = {}
     for beyond, only in decisions.reports(steps.run(trials), len(trials)):
@@ -140,7 +146,7 @@ def _at_limits(trials: Trials, decisions: Decisions, steps: TrialSteps) -> list[
 
 
 def _cover(seen: NDArray[np.bool_]) -> list[int]:
-    """Rows that together have all columns that some row has; the fullest first."""
+    """A small set of rows that together cover all columns, chosen greedily."""
     rows: list[int] = []
     open = seen.copy()
     while open.any():

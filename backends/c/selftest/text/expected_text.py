@@ -1,4 +1,4 @@
-"""Writes what golden steps answer as text, which a harness compares line by line."""
+"""Writes the results of golden steps as text, which the harness compares line by line."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from backends.c.selftest.vectors.golden_vectors import GoldenVectors, joined
 
 
 def expected_text(interface: Interface, runs: Sequence[GoldenVectors]) -> str:
-    """One line a step: the status, then each output's bits, in hexadecimal digits; or `nan`.
+    """One line per step: the status, then each output's bits in hexadecimal digits, or `nan`.
 
-    With a Jacobian whose bits are promised a hash of them ends the line. There is an empty line
-    between two runs.
+    If the Jacobian must be exact to the bit, its hash ends the line. An empty line separates runs.
     """
     # hashed together: one takes as long as all
     lines = _lines(interface, joined(runs))

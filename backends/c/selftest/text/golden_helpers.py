@@ -27,8 +27,10 @@ def helper_functions(
     golden: GoldenVectors,
     weights: Mapping[str, Array],
 ) -> tuple[c.Function, ...]:
-    """`<prefix>_x_differs(v)` and so on: whether a vector is another one than after the first
-    golden step, and one of parameters than the trained ones."""
+    """C functions such as `<prefix>_x_differs(v)` that compare a vector with its golden values.
+
+    The golden values are those of the first golden step and, for parameters, the trained ones.
+    """
     first = {
         "x": golden.states,
         "u": golden.inputs,
@@ -51,8 +53,10 @@ def helper_functions(
 
 
 def resumed_step(interface: Interface, golden: GoldenVectors) -> int | None:
-    """The first golden step but one that needs nothing of before it but the state: all inputs that
-    are held when they are invalid are valid in it."""
+    """The first golden step after step 0 that depends on earlier steps only through the state.
+
+    All inputs with the policy `hold` are valid in it. None if there is no such step.
+    """
     # not the first: golden vectors have states after steps, and it goes on from none of these
     for step in range(1, len(golden.status)):
         held = [input for input in interface.inputs if input.held is not None]
@@ -66,7 +70,7 @@ def _valid(name: str, golden: GoldenVectors, step: int) -> bool:
 
 
 def _numbers(vector: Vector, values: Mapping[str, Array], interface: Interface) -> Array:
-    """The numbers of the first row, in the order of the vector."""
+    """The values of the first row, in the order of the vector."""
     parts = [values[member.name][0].ravel() for member in vector.members]
     return np.concatenate(parts).astype(interface.options.dtype)
 

@@ -1,4 +1,4 @@
-"""Writes golden Jacobians as C, which compares the entries with the interpreter's."""
+"""Writes golden Jacobians as C that compares the entries with those of the interpreter."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from backends.c_language.scope import BlockScope, LocalNames
 def slopes_function(
     interface: Interface, jacobian: JacobianInterface, runs: Sequence[GoldenVectors]
 ) -> c.Function:
-    """`<prefix>_slopes_differ(status, jac, step)`: whether linearize answered something else.
+    """`<prefix>_slopes_differ(status, jac, step)`: true if the results of linearize are wrong.
 
-    Where bits are promised a hash of all entries is compared. Else numbers are, where there are
-    many of them those of every n-th step.
+    Exact results are compared by a hash of all entries. Otherwise entries are compared by value;
+    for large Jacobians only those of every n-th step.
     """
     golden, prefix = joined(runs), interface.prefix
     scope = BlockScope(LocalNames(prefix))
@@ -89,7 +89,7 @@ def _compare_numbers(
 
 
 def _infinite(jacobian: JacobianInterface, slopes: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-    """For every step the bit that linearize sets where a slope is infinite."""
+    """For every step, the status bit that linearize sets for an infinite entry, else 0."""
     found: NDArray[Any] = np.zeros(len(next(iter(slopes.values()), ())), bool)
     for field in jacobian.fields:
         entries = slopes[field.matrix.name].reshape(len(found), -1)
@@ -102,14 +102,15 @@ def _infinite(jacobian: JacobianInterface, slopes: Mapping[str, NDArray[Any]]) -
 _OF_RESULTS = int(
     StatusBit.STATE_OUT_OF_RANGE | StatusBit.EQUATION_OUT_OF_RANGE | StatusBit.STATE_NOT_FINITE
 )
-"""Bits that are about what a step computes."""
+"""Status bits that depend on the results of a step."""
 _ROW = "row"
 _MOST_NUMBERS = 16384
-"""Of golden slopes in one table: what a small microcontroller has room for."""
+"""Maximum number of golden entries in one table, limited by the memory of small
+microcontrollers."""
 
 
 def _distance(jacobian: JacobianInterface, steps: int) -> int:
-    """From one step whose slopes are compared number by number to the next."""
+    """Number of steps between two steps whose entries are compared by value."""
     computed = sum(field.matrix.known.count(None) for field in jacobian.fields)
     return max(1, -(-computed * steps // _MOST_NUMBERS))
 
@@ -117,7 +118,7 @@ def _distance(jacobian: JacobianInterface, steps: int) -> int:
 def _compare(
     interface: Interface, field: MatrixField, golden: NDArray[Any], scope: BlockScope
 ) -> None:
-    """All entries in a loop: those that are computed with the step's row of a table."""
+    """Compares all entries in a loop: computed ones with a table row, others with constants."""
     matrix, name = field.matrix, field.identifier
     steps = len(golden)
     computed = [i for i, known in enumerate(matrix.known) if known is None]

@@ -1,4 +1,4 @@
-"""Compares, in C, what single golden steps leave in the state struct: by a hash of each step."""
+"""Compares, in C, the states after single golden steps by a hash per step."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _STATE, _STEP, _HASH = "s", "golden_step", "hash"
 
 
 def state_function(interface: Interface, singles: GoldenSingles, first: int) -> c.Function:
-    """`<prefix>_state_differs(s, golden_step)`: whether one left other states than it should.
+    """`<prefix>_state_differs(s, golden_step)`: true if the states after a single step are wrong.
 
-    In a golden run the next steps show what a step remembers; behind a single step stands none, so
-    that only those, from step `first` on, are compared.
+    In a golden run, later steps reveal wrong states. A single step has no later step, so its states
+    are compared directly; single steps start at index `first`.
     """
     prefix, fields = interface.prefix, state_fields(interface)
     scope = BlockScope(LocalNames(prefix))

@@ -1,4 +1,4 @@
-"""Writes golden steps as C functions that hold tables, feed the step and compare its results."""
+"""Writes golden steps as C functions that hold tables, run the step and compare its results."""
 
 from __future__ import annotations
 
@@ -18,40 +18,39 @@ from backends.c_lowering.values import copy_value
 
 Array = NDArray[Any]
 Column = tuple[Field, Array]
-"""A field with its values, one row a step or a run."""
+"""A field and its values, with one row per step or run."""
 
 _STEP, _START = "step", "start"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoldenTables:
-    """The numbers of all runs; steps are counted through all runs."""
+    """The values of all runs; steps are numbered across runs."""
 
     prefix: str
     number: c.CType
     unroll: int
-    """Elements up to which loops are written out."""
+    """Maximum number of elements that are copied without a loop."""
     starts: Sequence[Column]
-    """What each start gives to `reset`, those of runs first."""
+    """The arguments of `reset` for each start; the starts of runs come first."""
     written: Sequence[Column]
-    """What the last of these runs write into the state struct; one row a run that does."""
+    """The values that runs write into the state struct; one row for each of the last runs, which
+    write."""
     start_status: Sequence[int]
     inputs: Sequence[Column]
     outputs: Sequence[Column]
     status: Sequence[int]
     singles: Sequence[int] = ()
-    """The start of each step that has one of its own; these are the last of the steps."""
+    """Index of the start of each single step; single steps follow the steps of the runs."""
 
     def functions(
         self, differs: Callable[[c.Expression, c.Expression, Array], c.Expression]
     ) -> tuple[c.Function, ...]:
-        """`<prefix>_load_start(x0, start)`, `_start_differs(status, start)`, `_load_inputs(u,
-        step)`, `_results_differ(status, y, step)`.
+        """`<prefix>_load_start(x0, start)`, `_start_differs(status, start)` and so on.
 
-        And `_load_state(s, written)`, where something is written, and `_start_of(single)`, where
-        steps have a start of their own.
-
-        `differs` compares a given with an expected element of a column with these values.
+        Also `_load_inputs(u, step)` and `_results_differ(status, y, step)`. `_load_state(s,
+        written)` exists if runs write states, and `_start_of(single)` if there are single steps.
+        `differs` compares an actual with an expected element of a column with these values.
         """
         state = c.Argument("state", "s")
         written = (self._loader("state", state, self.written, "written"),) if self.written else ()
@@ -68,7 +67,7 @@ class GoldenTables:
     def _loader(
         self, name: str, struct: c.Argument, columns: Sequence[Column], row_name: str
     ) -> c.Function:
-        """Copies one row of the table `golden` into a struct."""
+        """A function that copies one row of the table `golden` into a struct."""
         scope = BlockScope(LocalNames(self.prefix))
         if columns:
             scope.add(self._table(columns))
@@ -150,23 +149,23 @@ class GoldenTables:
         return scope.function(f"{prefix}_results_differ", "bool", arguments)
 
     def _table(self, columns: Sequence[Column]) -> c.ConstantTable:
-        """All fields of a step in one row, the rows one after the other."""
+        """All fields of each step in one row; the rows follow each other."""
         return c.ConstantTable("golden", numbers_of(columns), self.number, hexadecimal=True)
 
 
 DIFFER: tuple[c.Statement, ...] = (c.Assign(c.Name("differ"), c.Truth(True)),)
-"""What is done where something is not as expected."""
+"""The statement for a value that is not as expected."""
 
 
 def numbers_of(columns: Sequence[Column]) -> tuple[float, ...]:
-    """All rows one after the other, in each the fields."""
+    """All rows one after the other, each with its fields in order."""
     # C order of each field, so that a row is the struct as the header declares it
     parts = [values.reshape(-1, field.size) for field, values in columns]
     return tuple(np.concatenate(parts, axis=1).ravel().tolist())
 
 
 def rows_of(table: str, fields: Iterable[Field], row: str) -> list[ArrayView]:
-    """The place of each field in a row of the table."""
+    """The position of each field in a row of the table."""
     listed = list(fields)
     width = sum(field.size for field in listed)
     # row · width + place: one table for all fields, so that a step's numbers lie together

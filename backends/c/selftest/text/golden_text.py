@@ -1,4 +1,4 @@
-"""Writes golden vectors as C functions, which feed the step with them and compare results."""
+"""Writes golden vectors as C functions, which pass them to the step and compare its results."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def golden_functions(
     starts: Sequence[GoldenStart] = (),
     singles: GoldenSingles | None = None,
 ) -> tuple[c.Function, ...]:
-    """Prints `GoldenTables` as functions, after the one that compares two numbers.
+    """Prints `GoldenTables` as functions, after the function that compares two values.
 
-    Behind the starts of the runs stand those that are judged by the status of `reset` alone.
+    The starts of the runs come first, then the starts that test only the status of `reset`.
     """
     prefix = interface.prefix
     golden = joined([*runs, singles.vectors] if singles else runs)
@@ -67,7 +67,7 @@ def golden_functions(
 
 
 def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -> c.Function:
-    """`<prefix>_tune(numbers, single)` writes a single step's own parameters over the trained."""
+    """`<prefix>_tune(numbers, single)` sets the changed parameters of a single step."""
     scope = BlockScope(LocalNames(interface.prefix))
     for name in ("numbers", "single"):
         scope.reserve(name)
@@ -88,7 +88,7 @@ def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -
 
 
 def differs_function(prefix: str) -> c.Function:
-    """Writes the test for another number than expected; NaN is NaN, and an infinity itself only."""
+    """Writes the comparison with an expected value; NaN equals NaN, infinities must match."""
     x, expected, tolerance = c.Name("x"), c.Name("expected"), c.Name("tolerance")
     near = c.Binary(
         "&&",
@@ -114,10 +114,10 @@ def differs_function(prefix: str) -> c.Function:
 
 
 def tolerance(interface: Interface, values: Array) -> float:
-    """0 where the interpreter runs the same kernels in the same precision.
+    """The tolerance of comparisons; 0 if the interpreter uses the same kernels and precision.
 
-    In float64 it calls numpy's functions and a C library is a third one: last places differ, and
-    a run of steps lets the difference grow.
+    In float64 the interpreter calls numpy's functions and the C code another library. Their last
+    digits differ, and the difference grows over a run.
     """
     options = interface.options
     if options.is_exact:
@@ -130,7 +130,7 @@ def tolerance(interface: Interface, values: Array) -> float:
 def kernels_function(
     prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
 ) -> c.Function:
-    """Writes the test of kernels' bits: a table of arguments and value for each kernel."""
+    """Writes the exact test of kernels: a table of arguments and results for each kernel."""
 
     def reciprocal(x: c.Expression) -> c.Expression:
         return c.Binary("/", c.Real(1.0), x)

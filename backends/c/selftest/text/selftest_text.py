@@ -1,4 +1,4 @@
-"""Writes the self-test that runs on the target, and the test program for the host."""
+"""Writes the self-test for the target, and the test program for the host."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from backends.c_language.rendering import render
 from compiler.ir.program import Program
 
 SELFTEST_STEPS = 16
-"""Golden steps that travel with the code to the target."""
+"""Number of golden steps compiled into the code for the target."""
 
 _LAG = 3
-"""Steps by which a second instance follows the first: neither may touch the other's memory."""
+"""Number of steps by which a second instance lags, to detect shared memory."""
 
 _PARTS = 7
 _STARTS: tuple[StartPoint | Outside, ...] = (
@@ -45,22 +45,22 @@ _STARTS: tuple[StartPoint | Outside, ...] = (
     "nan",
 )
 _OPENINGS = ((1, 1, 0), (3, 3, 1), (5, 5, 4))
-"""Runs that begin with invalid samples: in which part of the ranges, how many, and with which kind
-those of the past begin: above the range, below, NaN."""
+"""Runs that start with invalid samples: the part of the ranges, the number of invalid samples, and
+the first kind of invalid samples in the past (above the range, below, NaN)."""
 
 _AFTER_INIT = (0, 0, 2, 4)
-"""After how many invalid samples in runs without a past, which stand last."""
+"""Number of invalid first samples of the runs without a past, which come last."""
 
 FROM_INIT = len(_AFTER_INIT)
-"""Golden runs that begin without a past."""
+"""Number of golden runs without a past."""
 _SELFTEST_OPENING = 2
-"""Invalid samples with which the self-test begins, where the policy replaces them."""
+"""Number of invalid first samples of the self-test, for inputs whose policy replaces them."""
 
 _TEST_STEPS = 16
-"""Golden steps of each."""
+"""Number of golden steps of each run."""
 
 _DIVIDEND, _DIVISOR = 5.0, 3.0
-"""In both types 5 / 3 is another number than 5 times the number nearest to 1 / 3."""
+"""In float32 and float64, 5 / 3 differs from 5 times the rounded 1 / 3."""
 
 _SELFTEST_SEED, _TEST_SEED, _STARTS_SEED, _SINGLES_SEED = 1, 2, 0, 5
 
@@ -68,7 +68,7 @@ _SELFTEST_SEED, _TEST_SEED, _STARTS_SEED, _SINGLES_SEED = 1, 2, 0, 5
 def selftest_text(
     program: Program, interface: Interface, weights: Weights, kernels: Collection[str]
 ) -> str:
-    """`src/<prefix>_selftest.c`: golden steps, kernels, and what a compiler may do wrong."""
+    """`src/<prefix>_selftest.c`: golden steps, kernels, and checks for compiler faults."""
     dtype, prefix = interface.options.dtype, interface.prefix
     printer = Printer(prefix, dtype, places_tables=True)
     begin = GoldenRun(_SELFTEST_SEED, opening=_SELFTEST_OPENING, invalid=0)
@@ -116,7 +116,7 @@ def selftest_text(
 
 
 def test_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """`test/<prefix>_sil.c`, the vectors that it replays, and the bits that it must answer."""
+    """`test/<prefix>_sil.c`, the vectors that it replays, and the bits that it must reproduce."""
     prefix = interface.prefix
     runs = _golden_runs(program, interface, weights)
     starts = golden_starts(program, interface, weights, _STARTS_SEED)
@@ -170,9 +170,9 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 
 def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
-    """Runs from `reset`, the last of them with a written state, then runs from `init`.
+    """Runs from `reset`, some with a written state, then runs from `init`.
 
-    A written number may be infinite; where it is a term that C leaves out, the run is left out too.
+    A written value may be infinite. If C omits the infinite term, the run is omitted.
     """
     begun: list[tuple[StartPoint | Outside | None, int, int | None, WrittenNumber | None]] = [
         # a seed of its own for each run: none repeats the inputs of another
@@ -191,14 +191,14 @@ def _golden_runs(program: Program, interface: Interface, weights: Weights) -> li
 
 
 def _letters(interface: Interface) -> list[str]:
-    """The vectors that have functions which copy structs into them."""
+    """The letters of the vectors that have functions to copy structs into them."""
     if interface.jacobian is None:
         return []
     return [vector.letter for vector in interface.jacobian.vectors]
 
 
 def _moves_all(interface: Interface) -> bool:
-    """Whether the state vector has all that is remembered, buffers too."""
+    """True if the state vector contains the whole state, including buffers."""
     if "x" not in _letters(interface) or interface.jacobian is None:
         return False
     moved = {member.name for member in interface.jacobian.jacobian.states.members}
@@ -206,7 +206,7 @@ def _moves_all(interface: Interface) -> bool:
 
 
 def _compares(interface: Interface) -> bool:
-    """Whether golden steps need the function that compares two numbers."""
+    """True if golden steps need the function that compares two values."""
     slopes = interface.jacobian is not None and not interface.options.is_exact
     return bool(interface.outputs) or slopes
 

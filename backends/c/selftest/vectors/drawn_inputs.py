@@ -202,7 +202,7 @@ def outside(limits: tuple[float, float], where: Outside) -> float:
 
 
 def _little(width: float, limit: float) -> float:
-    """A distance so small that a slightly wrong limit is noticed."""
+    """A distance just large enough to detect a slightly wrong limit."""
     return max(width * _BESIDE, abs(limit) * _ROUNDING)
 
 

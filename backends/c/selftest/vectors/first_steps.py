@@ -15,7 +15,7 @@ Array = NDArray[Any]
 
 
 def emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:
-    """States after `init`: 0 for those that only a record could initialise."""
+    """States after `init`; those that only recorded samples could initialise are 0."""
     return {
         name: np.zeros_like(value) if name in interface.from_record else value
         for name, value in states.items()

@@ -38,7 +38,7 @@ class GoldenStart:
 def golden_start(
     interface: Interface, interpreter: Interpreter, record: DrawnRecord
 ) -> GoldenStart:
-    """The arguments of `reset` from a record, and the result of the reference interpreter."""
+    """The arguments of `reset` from recorded samples, and the reference interpreter's result."""
     windows: dict[str, Array] = {}
     log, bits = dict(record.log), StatusBit(0)
     for field, port in interface.windows:
@@ -61,7 +61,7 @@ def golden_start(
 def golden_starts(
     program: Program, interface: Interface, weights: Mapping[str, Array], seed: int
 ) -> list[GoldenStart]:
-    """Starts that try each check of `reset` alone: what it returns tells whether it is there."""
+    """Starts that test each range check of `reset` by its status."""
     options = interface.options
     random = np.random.Generator(np.random.Philox(seed))
     interpreter = Interpreter(program, weights, options.dtype)

@@ -1,4 +1,4 @@
-"""Makes golden vectors: drawn inputs, and what the interpreter answers in the same arithmetic."""
+"""Makes golden vectors: random inputs, and the interpreter's results in the same arithmetic."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from compiler.jacobian.interpret import JacobianInterpreter
 Array = NDArray[Any]
 _ANYWHERE = StartPoint()
 _OF_ACTIVE_SETS = "active {}"
-"""Names of sums among outputs; no name of a spec has a space."""
+"""Names of sums that are added to the outputs; no name of a spec contains a space."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,22 +50,22 @@ class GoldenVectors:
     """Values by name in the spec, in the type of the generated code; series are (steps, *shape)."""
 
     start: GoldenStart
-    """Before the first step."""
+    """The start before the first step."""
     written: dict[str, Array]
     """States that a harness writes into the struct after that; empty if it writes none."""
     inputs: dict[str, Array]
-    """As given to the step, invalid ones among them."""
+    """The inputs passed to the step, including invalid ones."""
     seen: dict[str, Array]
-    """Inputs after what the policies made of them."""
+    """The inputs after the policies replaced invalid values."""
     outputs: dict[str, Array]
     states: dict[str, Array]
-    """After each step."""
+    """The states after each step."""
     status: NDArray[np.uint32]
     slopes: dict[str, Array]
     """Matrices of the Jacobian before each step, (steps, rows, columns); empty without one."""
     promised: bool = True
-    """False where C leaves out an infinite or NaN term, so that the interpreter answers NaN and C
-    does not (decision 0066)."""
+    """False if C omits an infinite or NaN term, so that the interpreter computes NaN and C does not
+    (decision 0066)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +74,14 @@ class GoldenRun:
 
     seed: int
     start: StartPoint | Outside | None = _ANYWHERE
-    """Where in their ranges, or beyond, the states begin; with None they begin without a past, as
+    """Part of their ranges, or outside, from which states start; None for a run without a past, as
     after `init`."""
     opening: int = 0
-    """Samples with which each input begins that are invalid."""
+    """Number of invalid first samples of each input."""
     invalid: int | None = None
-    """With which kind the samples of the past begin that are invalid too (`drawn_record`)."""
+    """First kind of the invalid samples in the past (`drawn_record`); None if all are valid."""
     written: WrittenNumber | None = None
-    """What stands in the struct before the first step."""
+    """The value written into the state struct before the first step."""
 
 
 def golden_runs(
@@ -91,9 +91,9 @@ def golden_runs(
     steps: int,
     runs: Sequence[GoldenRun],
 ) -> list[GoldenVectors]:
-    """So many steps of each run; a step of all runs is computed at once.
+    """`steps` steps of each run; one step of all runs is computed at once.
 
-    The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
+    The generator is counter-based (Philox), so a seed gives the same values on every machine.
     """
     dtype = interface.options.dtype
     knots = knots_of(program, dtype)
@@ -131,7 +131,7 @@ def golden_runs(
     following: list[Mapping[str, Array]] = []
 
     def bits_of(answers: Mapping[str, Array], next: Mapping[str, Array]) -> StatusBit:
-        """Set where any of them is out of its range."""
+        """The status bits for equations and states out of range in any run."""
         bits = equation_bits(program, answers, dtype) | saturation_bits(program, answers)
         return bits | next_state_bits(interface, next)
 
@@ -194,7 +194,10 @@ def golden_runs(
 
 
 def _first_states(interface: Interface, run: GoldenRun, begin: GoldenStart) -> dict[str, Array]:
-    """Before the first step, (1, *shape); what only a record can give is 0 after `init`."""
+    """The states before the first step, (1, *shape).
+
+    After `init`, states that need a recording are 0.
+    """
     if run.start is None and interface.from_record:
         return emptied(interface, begin.states)
     return run.written.into(begin.states) if run.written else begin.states
@@ -208,8 +211,10 @@ def _written(interface: Interface, run: GoldenRun, first: Mapping[str, Array]) -
 def _seen(
     interface: Interface, inputs: Sequence[Mapping[str, Array]], steps: int
 ) -> tuple[dict[str, Array], list[list[StatusBit]]]:
-    """The inputs of all runs after the policies, (runs, steps, *shape), and the status of each run
-    and step."""
+    """The inputs of all runs after the policies, and the status of each run and step.
+
+    Inputs are (runs, steps, *shape).
+    """
     dtype = interface.options.dtype
     bits = [[StatusBit(0)] * steps for _ in inputs]
     seen: dict[str, Array] = {}
@@ -228,7 +233,7 @@ def _seen(
 
 
 def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
-    """The steps of all runs one after the other, with the start of the first."""
+    """The steps of all runs one after the other, with the start of the first run."""
     return replace(
         runs[0],
         inputs=_one_after_the_other([run.inputs for run in runs]),

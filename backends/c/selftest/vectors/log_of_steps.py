@@ -1,4 +1,4 @@
-"""Lays inputs of steps out as a log, which the interpreter reads."""
+"""Arranges the inputs of steps as a log, which the interpreter reads."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Array = NDArray[Any]
 def log_of_steps(
     interface: Interface, inputs: Mapping[str, Array], count: int
 ) -> tuple[dict[str, Array], NDArray[np.int64]]:
-    """A log, and for each of so many steps the row in it that sees exactly its inputs.
+    """A log, and for each of `count` steps the row at which it reads exactly its inputs.
 
-    Inputs are (steps, *shape), samples of a preview along their last axis.
+    Inputs are (steps, *shape), with the samples of a preview along their last axis.
     """
     ports = {input.field.name: input.port for input in interface.inputs}
     row = max([0, *(-port.first for port in ports.values())])

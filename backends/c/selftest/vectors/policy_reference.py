@@ -1,4 +1,4 @@
-"""Applies the input policies in numpy: the judge of the checks in generated C."""
+"""Applies input policies in NumPy: the reference for the checks in generated C."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Array = NDArray[Any]
 def apply_policy(
     signal: Signal, values: Array, previous: Array, dtype: Dtype
 ) -> tuple[Array, StatusBit]:
-    """The values that the step sees of an input, and the bits that it sets.
+    """The values of an input after its policy, and the status bits that the policy sets.
 
-    `previous` are the values that it saw in the step before; all arrays are of `dtype`.
+    `previous` are the values used in the previous step; all arrays have the type `dtype`.
     """
     low, high, valid = _judged(signal, values, dtype)
     if signal.on_invalid == "trust" or bool(np.all(valid)):
@@ -42,9 +42,9 @@ def apply_policy(
 
 
 def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[Array, StatusBit]:
-    """The samples (time, *shape) that `reset` takes, and the bits that it sets.
+    """The samples (time, *shape) of a window after the policy, and the status bits.
 
-    Each sample can fall back to the one before it.
+    Each sample can fall back to the previous one.
     """
     checked, bits = rows.copy(), StatusBit(0)
     before = first_held(signal, rows.shape[1:], dtype)
@@ -55,18 +55,18 @@ def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[A
 
 
 def invalid_samples(signal: Signal, series: Array, dtype: Dtype) -> NDArray[np.bool_]:
-    """True for the samples (runs, steps, *shape) with elements that a policy looks at."""
+    """True for the samples (runs, steps, *shape) with an element outside the limits or NaN."""
     _, _, valid = _judged(signal, series, dtype)
     return ~np.asarray(valid.all(axis=tuple(range(2, series.ndim))))
 
 
 def _judged(signal: Signal, values: Array, dtype: Dtype) -> tuple[Any, Any, NDArray[np.bool_]]:
-    """The limits, and which elements are within."""
+    """The lower and upper limit, and the mask of elements within them."""
     low, high = (np.dtype(dtype).type(limit) for limit in limits(signal, dtype))
     # false for NaN
     return low, high, (values >= low) & (values <= high)
 
 
 def first_held(signal: Signal, shape: tuple[int, ...], dtype: Dtype) -> Array:
-    """The value that `hold` falls back to before the first valid one."""
+    """The value that `hold` uses before the first valid value."""
     return np.full(shape, stand_in(signal, dtype), dtype)

@@ -1,4 +1,4 @@
-"""Checks states and equations in numpy: the judge of those checks in generated C."""
+"""Checks states and equations in NumPy: the reference for the checks in generated C."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from compiler.passes.analyses.saturation import unsaturated
 Array = NDArray[Any]
 
 _CHECKED = "checked {}"
-"""Names of the values whose ranges are checked, among outputs; no name of a spec has a space."""
+"""Names of the checked values that are added to the outputs; no name of a spec contains a space."""
 
 
 def with_checked(program: Program) -> Program:
-    """The program without losses whose outputs have what the step checks among them."""
+    """The program without losses, with the checked values as additional outputs."""
     checked = [
         Output(_CHECKED.format(number), entry.node) for number, entry in enumerate(program.expected)
     ]
@@ -32,7 +32,7 @@ def with_checked(program: Program) -> Program:
 
 
 def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> StatusBit:
-    """The status of equations in a step; `values` are the outputs of `with_checked`."""
+    """The status bit of equations out of range; `values` are the outputs of `with_checked`."""
     outside = [
         _is_outside(values[_CHECKED.format(number)], entry.range, dtype)
         for number, entry in enumerate(program.expected)
@@ -41,13 +41,13 @@ def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -
 
 
 def saturation_bits(program: Program, values: Mapping[str, Array]) -> StatusBit:
-    """The status of saturated states that keep their value because the next one is NaN."""
+    """The status bit of saturated states that keep their value because the next one is NaN."""
     unordered = [np.isnan(values[_CHECKED.format(name)]).any() for name in unsaturated(program)]
     return StatusBit.STATE_OUT_OF_RANGE if any(unordered) else StatusBit(0)
 
 
 def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> StatusBit:
-    """The status of the states that `reset` set, with all their samples."""
+    """The status bits of the states set by `reset`, including all samples of buffers."""
     bits = StatusBit(0)
     for check in interface.checks:
         if _is_left(interface, check, states[check.memory.state.name]):
@@ -56,7 +56,7 @@ def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> Statu
 
 
 def next_state_bits(interface: Interface, states: Mapping[str, Array]) -> StatusBit:
-    """The status of the states after a step, for buffers of their newest sample."""
+    """The status bits of the states after a step; of buffers only the newest sample is checked."""
     bits = StatusBit(0)
     for check in interface.checks:
         state = check.memory.state
@@ -69,7 +69,7 @@ def next_state_bits(interface: Interface, states: Mapping[str, Array]) -> Status
 def restarted(
     interface: Interface, states: Mapping[str, Array], first: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """States with `on_range: reset` that are outside, as they were before the first step."""
+    """The states with `on_range: reset` that are out of range, with their first values."""
     found: dict[str, Array] = {}
     for check in interface.checks:
         name = check.memory.state.name
@@ -83,7 +83,7 @@ def _is_left(interface: Interface, check: StateCheck, values: Array) -> bool:
 
 
 def _is_outside(values: Array, limits: tuple[float, float], dtype: Dtype) -> bool:
-    """Whether an element is outside, NaN too; limits are rounded to the type of the values."""
+    """True if an element is out of range or NaN; limits are rounded to the type of the values."""
     # as the literals of the C are: what is just beyond a limit in float64 may equal it in float32
     low, high = (np.dtype(dtype).type(limit) for limit in limits)
     return not bool(np.all((values >= low) & (values <= high)))

@@ -1,4 +1,4 @@
-"""Says which states a harness writes into the struct, to begin where no start leads."""
+"""Chooses state values that a test program writes, since no start reaches them."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class WrittenNumber:
-    """A number that stands in an element of a state before the first step."""
+    """A value of one element of a state before the first step."""
 
     state: str
     element: int
     value: float
 
     def into(self, states: Mapping[str, Array]) -> dict[str, Array]:
-        """The states, (1, *shape) each, with the number among them."""
+        """The states, (1, *shape) each, with this value inserted."""
         changed = states[self.state].copy()
         changed.reshape(-1)[self.element] = self.value
         return {**states, self.state: changed}
 
 
 def written_states(interface: Interface) -> list[WrittenNumber]:
-    """The written numbers by which each check of a step's states speaks alone.
+    """Written values that each trigger exactly one check of a step's states.
 
-    A state that begins at a number of the spec may need many steps to its limit, and one without
-    a range is never infinite while all goes well.
+    A state with a constant start may need many steps to reach its limit, and one without a range is
+    infinite only after an error.
     """
     return [written for check in interface.checks for written in _of(check, interface)]
 
 
 def state_fields(interface: Interface) -> list[Field]:
-    """The fields of the state struct that are as large as their states."""
+    """The fields of the state struct that have the shape of their states."""
     return [
         Field(
             name=memory.state.name,
@@ -73,7 +73,7 @@ def _of(check: StateCheck, interface: Interface) -> Iterator[WrittenNumber]:
 
 
 def _sides(check: StateCheck) -> list[float]:
-    """Two ways to be outside, or one, that are numbers; none of a clipped state."""
+    """Up to two finite values outside the limits; infinity for a check of finiteness only."""
     if check.bit == StatusBit.STATE_NOT_FINITE:
         return [math.inf]
     found = [outside(check.limits, end) for end in ("above", "far below")]

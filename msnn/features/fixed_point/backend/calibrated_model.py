@@ -1,4 +1,4 @@
-"""Lists what calibration tools may see of generated C in fixed point."""
+"""Lists the variables of generated fixed-point C that calibration tools can read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ _STORAGES: dict[int, Storage] = {16: "SWORD", 32: "SLONG", 64: "A_INT64"}
 
 
 def calibrated_model(program: IntegerProgram, names: FixedNames) -> CalibratedModel:
-    """Inputs, outputs and states in physical numbers; weights are in the code, buffers left out."""
+    """Inputs, outputs and states in physical units.
+
+    Weights are constants in the code, and buffers are omitted.
+    """
     return CalibratedModel(
         name=program.name,
         prefix=names.prefix,

@@ -1,4 +1,4 @@
-"""Writes what is done about words outside their range: a local holds those that are used."""
+"""Writes the range checks of input words: a local variable holds the words that the step uses."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from msnn.features.fixed_point.integers.program import CheckedInput, WordPort
 
 
 def word_of(port: WordPort, field: str, at: Index) -> c.Expression:
-    """An element of the local that holds the words of a port."""
+    """The element at this index of the local variable with the words of a port."""
     return element(c.Name(f"w_{field}"), port.axes, at)
 
 
 def check_window(
     port: WordPort, field: str, report: c.Statement, helpers: FixedHelpers, scope: BlockScope
 ) -> None:
-    """Words of a window for `reset`, moved into their range; `report` says that one was."""
+    """Limits the words of a window for `reset` to their range; `report` runs if one was outside."""
     _check(port, c.Member("x0", field), field, None, (report, helpers, scope))
 
 
@@ -30,7 +30,7 @@ def check_input(
     helpers: FixedHelpers,
     scope: BlockScope,
 ) -> None:
-    """Words of an input for `step`: `report` says that one was outside its range."""
+    """Checks the words of an input for `step`; `report` runs if one is out of range."""
     port, field = entry.port, names.inputs[entry.port.name]
     held = names.held.get(port.name)
     kept = None if held is None else c.Member("s", held)
@@ -69,7 +69,7 @@ def _replace(
     report: c.Statement,
     scope: BlockScope,
 ) -> None:
-    """Reports a word that was moved, and takes the last valid one instead where one is held."""
+    """Reports a word that was limited. With the policy `hold`, the last valid word replaces it."""
     inner = scope.inner()
     if held is not None:
         inner.assign(word, held)

@@ -1,4 +1,4 @@
-"""Writes the text of every file of a folder with C in fixed point."""
+"""Writes the text of every file of a fixed-point C export."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _MEANING = {
 def file_texts(
     program: IntegerProgram, prefix: str, errors: Sequence[OutputError]
 ) -> dict[str, str]:
-    """Texts by path in the folder, the same bytes for the same program."""
+    """The text of each file, by its path in the folder; the same program gives the same bytes."""
     names = fixed_names(program, prefix)
     # `fixed_names` may have numbered a prefix that is a word of C: every file takes the one it gave
     prefix = names.prefix
@@ -69,7 +69,7 @@ def file_texts(
 def step_texts(
     program: IntegerProgram, prefix: str, errors: Sequence[OutputError] = ()
 ) -> dict[str, str]:
-    """The files that a program needs which calls the code: headers, sources, description, FFI."""
+    """The files for a program that calls the code: headers, sources, description, FFI."""
     names = fixed_names(program, prefix)
     prefix = names.prefix
     # the functions come first: the helpers that `definitions` prints are those that they called

@@ -1,4 +1,4 @@
-"""Finds reads of neighbours in memory, and rows of matrix products, that are shorter as a loop."""
+"""Finds reads of adjacent memory, and rows of matrix products, that are shorter as a loop."""
 
 from __future__ import annotations
 
@@ -13,18 +13,21 @@ from msnn.features.fixed_point.integers.program import (
 )
 
 _FEWEST_READS = 8
-"""Elements from which a loop is shorter than its turns written out."""
+"""Minimum number of elements for which a loop is shorter than separate statements."""
 
 _TERM, _COEFFICIENT, _LOOP = 8, 2, 64
-"""Bytes on Cortex-M0 (gcc 12 -Os): of a term that is written out, of a coefficient in a table and,
-about, of two loops."""
+"""Bytes of code on Cortex-M0 (gcc 12 -Os) of a written-out term, of a coefficient in a table and,
+roughly, of two loops."""
 
 _FEWEST_TERMS = 4
-"""Of a row; shorter sums are one expression."""
+"""Minimum number of terms of a row; shorter sums are one expression."""
 
 
 def neighbours(nodes: Sequence[IntegerNode]) -> Iterator[tuple[int, int]]:
-    """First place and number of nodes that read ascending elements; 1 where they are too few."""
+    """First index and length of each group of nodes that read ascending elements.
+
+    Groups that are too short for a loop are split into single nodes.
+    """
     begin = 0
     while begin < len(nodes):
         end = begin + 1
@@ -43,9 +46,9 @@ def _follows(before: IntegerNode, after: IntegerNode) -> bool:
 
 
 def matrix_products(nodes: Sequence[IntegerNode], largest_word: int) -> dict[int, tuple[int, ...]]:
-    """For the first row of each product all its rows, in their order.
+    """All rows of each matrix product in their order, by the index of its first row.
 
-    Rows have the same operands in the same order, so that all can be computed where the first is.
+    All rows have the same operands in the same order, so all can be computed at the first row.
     """
     rows: dict[tuple[int, ...], list[int]] = {}
     for index, node in enumerate(nodes):
@@ -64,6 +67,6 @@ def _is_word(node: IntegerNode, largest_word: int) -> bool:
 
 
 def _is_shorter(rows: int, terms: int) -> bool:
-    """Operands are gathered in an array first, which takes about a term each."""
+    """True if a loop takes less code. Copying an operand to an array costs about one term."""
     as_loop = _LOOP + terms * _TERM + rows * terms * _COEFFICIENT
     return rows > 1 and as_loop < rows * terms * _TERM

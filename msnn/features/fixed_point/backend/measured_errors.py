@@ -1,4 +1,4 @@
-"""Measures how far C in fixed point is from C in float64, over a million steps of both."""
+"""Measures the error of fixed-point C against float64 C over a million steps."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ Array = NDArray[Any]
 def measured_errors(
     program: Program, weights: Mapping[str, Array], integers: IntegerProgram
 ) -> tuple[OutputError, ...]:
-    """Errors over closed runs from drawn pasts, inputs drawn from all of their range.
+    """Errors over closed-loop runs from random pasts with inputs drawn from their full range.
 
-    Half of the runs keep their inputs for a while, so that errors can add up. Without a C compiler,
-    and where a start reads samples that are yet to come, the interpreters run fewer steps.
+    Half of the runs hold their inputs for several steps, so that errors can accumulate. Without a C
+    compiler, or if a start reads future samples, the interpreters run fewer steps.
     """
     exact = reference(program)
     # float64, as the judge has it: what is measured is rounding to words, and a float32 reference
@@ -100,7 +100,7 @@ class _Comparison:
         return tuple(spread.error(self.program) for spread in spreads.values())
 
     def _reset(self, windows: Mapping[str, list[int]]) -> None:
-        """Both from the same samples around the first step."""
+        """Starts both programs from the same samples around the first step."""
         ports = {port.name: port for port in self.integers.windows}
         shapes = self.words.start_shapes
         self.words.reset({name: np.reshape(windows[name], shapes[name]) for name in ports})
@@ -114,19 +114,19 @@ class _Comparison:
         self.reals.reset(found)
 
     def _with_needless(self, given: dict[str, Array], count: int) -> dict[str, Array]:
-        """The inputs of the words, and what these do without as its factor is 0."""
+        """The inputs of the float64 program; inputs that fixed point omits are constant."""
         return {
             name: given[name] if name in given else np.full((count, *shape), self._low_end(name))
             for name, shape in self.reals.input_shapes.items()
         }
 
     def _low_end(self, name: str) -> float:
-        """Some value in the range of a signal."""
+        """The lower limit of the range of a signal; 0 without a range."""
         signal = next(s for s in self.program.signals if s.name == name)
         return (finite(signal.range) or (0.0, 0.0))[0]
 
     def _inputs(self, count: int, random: np.random.Generator, *, held: bool) -> dict[str, Array]:
-        """The words of every step of a run."""
+        """The words of every step of a run; `held` inputs are constant for several steps."""
         drawings = math.ceil(count / HELD) if held else count
         found: dict[str, Array] = {}
         for entry in self.integers.inputs:

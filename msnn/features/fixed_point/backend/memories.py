@@ -1,4 +1,4 @@
-"""Writes how memories begin, are filled by a first sample, and take their next values."""
+"""Writes how memories are initialised, filled with a first sample, and updated."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from msnn.features.fixed_point.integers.program import (
 )
 
 _BLOCK = 4
-"""Samples that one turn of a loop moves."""
+"""Samples that one iteration of a loop copies."""
 
 
 def element(base: c.Expression, axes: Sequence[Axis], at: Index) -> c.Expression:
-    """An element in C order; a scalar has one, itself."""
+    """The element at an index in C order; for a scalar, the variable itself."""
     return c.Element(base, at.expression()) if axes else base
 
 
 class MemoryWriter:
-    """Statements about memories in one block of a function."""
+    """Writes statements about memories in one block of a function."""
 
     def __init__(
         self, program: IntegerProgram, names: FixedNames, helpers: FixedHelpers, scope: BlockScope
@@ -44,7 +44,7 @@ class MemoryWriter:
         return element(c.Member("s", self._names.memories[memory.name]), memory.axes, at)
 
     def set(self, memory: IntegerMemory, values: Sequence[int]) -> None:
-        """Sets a memory to numbers."""
+        """Sets a memory to constant values."""
         if memory.axes and len(set(values)) == 1:
             # an array of one value, mostly zeros, takes a loop: its turns written out would cost
             # flash
@@ -55,7 +55,7 @@ class MemoryWriter:
             self._scope.assign(self.element(memory, Index(index)), _known(memory, value))
 
     def fill(self, memory: IntegerMemory, words: Sequence[c.Expression]) -> None:
-        """Makes all samples of each row equal to a word."""
+        """Fills each row with copies of its word."""
         # C order with time last, (rows, samples): each row has one newest word
         samples = memory.size // len(words)
         for row, word in enumerate(words):
@@ -63,7 +63,7 @@ class MemoryWriter:
                 inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
 
     def start(self, memory: IntegerMemory, nodes: IntegerNodes, saturated: c.Statement) -> None:
-        """Sets a memory to what the start made; `saturated` reports what was too large."""
+        """Sets a memory to its start; `saturated` runs if a value exceeds the limits."""
         for begin, count in neighbours([self._program.start[node] for node in memory.start]):
             if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
                 for index in range(begin, begin + count):
@@ -76,9 +76,9 @@ class MemoryWriter:
         saturated: c.Statement,
         restart: Sequence[int] | None = None,
     ) -> None:
-        """Replaces a memory by its next value; `saturated` reports one that was too large.
+        """Updates a memory; the statement `saturated` runs if a next value exceeds its limits.
 
-        It becomes `restart` then, where that is given, all elements together.
+        With `restart`, all elements of such a memory are then set to `restart`.
         """
         graph = self._program.step
         if restart is None or all(_fits(memory, graph[node]) for node in memory.next):
@@ -113,7 +113,7 @@ class MemoryWriter:
         nodes: IntegerNodes,
         too_large: tuple[c.Statement, ...],
     ) -> None:
-        """Sets one element to a node; what is done where the node is beyond its limits."""
+        """Sets one element to a node; the statements `too_large` run if it exceeds its limits."""
         found, target = nodes.node(node), self.element(memory, Index(index))
         self._scope.assign(target, self._stored(nodes, node, memory, found))
         if not _fits(memory, found):
@@ -130,7 +130,10 @@ class MemoryWriter:
         count: int,
         nodes: IntegerNodes,
     ) -> bool:
-        """Writes neighbours that only move as a loop, if it can be one; the first is read first."""
+        """Writes a loop if these elements are only copied; returns False if no loop is possible.
+
+        The loop runs in ascending order.
+        """
         moved = elements[begin : begin + count]
         op = graph[moved[0]].op
         whole = all(nodes.is_inline(node) and _fits(memory, graph[node]) for node in moved)
@@ -149,7 +152,7 @@ class MemoryWriter:
     def _stored(
         self, nodes: IntegerNodes, node: int, memory: IntegerMemory, found: IntegerNode
     ) -> c.Expression:
-        """A node as a memory keeps it: within its limits, in its type."""
+        """The node, limited and converted to the type of the memory."""
         if _fits(memory, found):
             return nodes.value(node) if memory.wide else nodes.as_word(node)
         limited = self._helpers.limited(nodes.value(node), memory.low, memory.high)

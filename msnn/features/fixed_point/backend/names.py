@@ -1,4 +1,4 @@
-"""Names and types of generated C in fixed point."""
+"""Names and types of generated fixed-point C."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msnn.features.fixed_point.integers.program import IntegerProgram
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedNames:
-    """Identifiers by the names of the spec; each dict is one struct."""
+    """C identifiers by the names of the spec; each dict is one struct."""
 
     model: str
     """Name of the program."""
@@ -30,17 +30,17 @@ class FixedNames:
 
     @property
     def takes_parameters(self) -> bool:
-        """Weights are numbers in the code."""
+        """Always False: weights are constants in the code."""
         return False
 
     def status(self, bit: FixedStatus) -> str:
-        """The macro of a bit."""
+        """The macro of a status bit."""
         assert bit.name is not None
         return f"{self.macro}_STATUS_{bit.name}"
 
 
 def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
-    """Names that neither C nor the headers use."""
+    """Chooses names that neither C nor the headers use."""
     prefix = c_identifier(prefix, set())
     # one set a struct: members of different structs may share a name in C
     ins, outs, wins, mems = (set[str]() for _ in range(4))

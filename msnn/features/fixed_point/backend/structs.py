@@ -1,4 +1,4 @@
-"""Lays out the structs of the header in fixed point, and describes ports: scale, limits, macros."""
+"""Lays out the structs of the fixed-point header and describes ports: scale, limits, macros."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from msnn.features.fixed_point.integers.program import IntegerMemory, IntegerPro
 
 
 def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
-    """All struct types; each field has its declaration and its description as data."""
+    """All struct types; each field has its declaration and its description."""
     word = f"{names.prefix}_word_t"
     state = [
         _field(m, names.memories[m.name], f"{names.prefix}_sum_t" if m.wide else word)
@@ -39,7 +39,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
 
 
 def _port_comment(port: WordPort | IntegerMemory) -> str:
-    """Unit, limits, scale, meaning and place in the spec."""
+    """Unit, limits, scale, description and spec position of a port."""
     unit = f"[{port.unit.text}] " if port.unit is not None else ""
     # exact: a word of 32 bits times a power of two is a double
     low, high = (math.ldexp(limit, -port.fraction) for limit in (port.low, port.high))
@@ -92,7 +92,7 @@ def _struct(name: str, text: str, fields: list[dict[str, Any]]) -> dict[str, Any
 
 
 def port_facts(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
-    """The facts that templates show of every input, output and sample around the start."""
+    """The properties that templates show of each input, output and sample around the start."""
     listed = [
         *(("input", e.port, names.inputs[e.port.name]) for e in program.inputs),
         *(("output", port, names.outputs[port.name]) for port, _ in program.outputs),
@@ -125,7 +125,7 @@ def _facts(
 
 
 def real_type(program: IntegerProgram) -> dict[str, str]:
-    """The floating-point type that holds every word of a width, and numbers of it."""
+    """The floating-point type that represents every word exactly, and constants of this type."""
     if program.width.word == 16:
         return {"real": "float", "zero": "0.0F", "half": "0.5F"}
     return {"real": "double", "zero": "0.0", "half": "0.5"}

@@ -1,4 +1,4 @@
-"""Writes C in fixed point: a folder that builds by itself."""
+"""Writes a fixed-point C export: a folder that builds without other files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from msnn.features.fixed_point.integers.program import WIDTHS
 
 @dataclass(frozen=True, slots=True)
 class FixedExport:
-    """The files that were written, and how far they are from float64."""
+    """The written files, and the errors against float64."""
 
     files: tuple[Path, ...]
     errors: tuple[OutputError, ...]
@@ -34,7 +34,7 @@ def write_fixed_c(
     """Writes header, sources, self-test, build file and README.
 
     `program` is in step form; `dtype` is `q15` or `q31`. The same arguments give the same bytes.
-    Raises SpecError for what fixed point cannot hold, OSError.
+    Raises SpecError for values that fixed point cannot represent, and OSError.
     """
     numbers: dict[str, Any] = physical_weights(program, weights)
     integers = integer_program(program, numbers, WIDTHS[dtype])

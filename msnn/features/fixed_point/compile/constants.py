@@ -1,4 +1,4 @@
-"""Chooses the numbers of a program in fixed point: weights, and formats out of ranges."""
+"""Inserts the weights as constants, and chooses number formats from ranges."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from compiler.ir.program import Graph, NodeId, Program
 from compiler.passes import run_passes
 
 _SMALLEST = 2.0**-96
-"""Of a range: finer scales are no numbers of float32, in which C converts words."""
+"""Smallest range: float32, in which C converts words, has no finer scales."""
 
 
 def with_numbers(program: Program, weights: Mapping[str, NDArray[Any]]) -> Program:
-    """The program with its parameters as constants, folded."""
+    """The program with its parameters as folded constants."""
     replaced: list[tuple[Graph, dict[NodeId, NodeId]]] = []
     for graph in (program.step, program.start):
         builder, copies = GraphBuilder(), dict[NodeId, NodeId]()
@@ -37,12 +37,12 @@ def with_numbers(program: Program, weights: Mapping[str, NDArray[Any]]) -> Progr
 
 
 def finite(limits: tuple[float, float] | None) -> tuple[float, float] | None:
-    """The limits where both are numbers."""
+    """The limits if both are finite, else None."""
     return limits if limits is not None and all(map(math.isfinite, limits)) else None
 
 
 def word_format(low: float, high: float, bits: int) -> tuple[int, int, int]:
-    """Fraction and integer limits of values low … high in that many bits."""
+    """Binary fraction digits, and integer limits, of values low … high with this number of bits."""
     # what is always 0 has a format too
     reach = max(abs(low), abs(high), _SMALLEST) if low or high else 2.0**-bits
     # reach = m · 2^e with m in [1/2, 1): a bit for the sign, e before the point, the rest behind it

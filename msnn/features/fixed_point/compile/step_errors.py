@@ -1,4 +1,4 @@
-"""Bounds what a step, or a start, in integers adds to the error of each value (decision 0193)."""
+"""Bounds the error that one integer step, or the start, adds to each value (decision 0193)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def step_errors(
     outputs: Sequence[tuple[WordPort, tuple[int, ...]]],
     memories: Sequence[IntegerMemory],
 ) -> Iterator[StepError]:
-    """The error of the worst element of each output and state, from those of the nodes."""
+    """The error of the worst element of each output and state, from the errors of the nodes."""
     for port, nodes in outputs:
         worst = max(builder.errors[node] for node in nodes)
         yield StepError(port.name, is_state=False, largest=worst)
@@ -34,14 +34,14 @@ def step_errors(
 
 
 def start_errors(builder: IntegerBuilder, memories: Sequence[IntegerMemory]) -> Iterator[StepError]:
-    """The same error of each first state; both are kept within the range of the words."""
+    """The error of the worst element of each first state, limited to the range of its words."""
     for memory in memories:
         worst = max(builder.errors[node] for node in memory.start)
         yield StepError(memory.name, is_state=True, largest=worst)
 
 
 def _may_leave(builder: IntegerBuilder, memory: IntegerMemory, error: float) -> bool:
-    """Whether the exact next value of a memory can be outside of its range."""
+    """True if the exact next value of a memory may be outside its range."""
     following = [builder[node] for node in memory.next]
     room = min(min(n.low - memory.low, memory.high - n.high) for n in following)
     return math.ldexp(room, -memory.fraction) <= error

@@ -1,4 +1,4 @@
-"""Measures how far an integer program is from the same program in float64."""
+"""Measures the error of an integer program against the same program in float64."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from msnn.features.fixed_point.integers.program import IntegerProgram, WordPort
 # runs, steps of each and the seed of what is drawn
 _RUNS, _STEPS, _SEED = 8, 1250, 11
 HELD = 20
-"""Steps for which every second run keeps its inputs, so that errors can add up."""
+"""Steps for which every second run holds its inputs, so that errors can accumulate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,21 +31,21 @@ class OutputError:
     rms: float
     span: float
     steps: int
-    """Over so many steps."""
+    """Number of compared steps."""
 
     @property
     def relative(self) -> float:
-        """The largest error as a part of the range."""
+        """The largest error divided by the span."""
         return self.largest / self.span if self.span else 0.0
 
 
 def output_errors(
     program: Program, weights: Mapping[str, NDArray[Any]], integers: IntegerProgram
 ) -> tuple[OutputError, ...]:
-    """Errors over closed runs from drawn pasts, inputs drawn from all of their range.
+    """Errors over closed-loop runs from random pasts with inputs drawn from their full range.
 
-    Both run on the same words. The span of an output is the range that the spec declares for what
-    it predicts, else what its values cover.
+    Both programs run on the same words. The span of an output is the declared range of the signal
+    that it predicts, else the range of its values.
     """
     random = np.random.Generator(np.random.Philox(_SEED))
     spreads = {output.name: ErrorSpread(name=output.name) for output in program.outputs}
@@ -79,7 +79,7 @@ def output_errors(
 
 @dataclass(slots=True, kw_only=True)
 class ErrorSpread:
-    """The known distribution of an output's error after some steps."""
+    """Accumulates statistics of an output's error."""
 
     name: str
     steps: int = 0
@@ -90,7 +90,7 @@ class ErrorSpread:
     high: float = -math.inf
 
     def add(self, exact: NDArray[Any], found: NDArray[Any]) -> None:
-        """Values (steps, …) in float64 and of words."""
+        """Adds values (steps, …) in float64 and those of words."""
         errors = found - exact
         self.steps += len(exact)
         self.numbers += errors.size
@@ -100,7 +100,7 @@ class ErrorSpread:
         self.high = max(self.high, float(exact.max()))
 
     def error(self, program: Program) -> OutputError:
-        """All of it; its span is the declared range of what the output predicts, if there is."""
+        """The accumulated error; its span is the declared range of the predicted signal, if any."""
         limits = _ranges(program).get(self.name)
         low, high = (self.low, self.high) if limits is None else limits
         rms = math.sqrt(self.squares / self.numbers)
@@ -110,7 +110,7 @@ class ErrorSpread:
 
 
 def _ranges(program: Program) -> dict[str, tuple[float, float]]:
-    """Finite ranges of what outputs predict."""
+    """Finite ranges of the signals that outputs predict."""
     declared = {state.name: state.range for state in program.states}
     declared |= {signal.name: signal.range for signal in program.signals if signal.range}
     found: dict[str, tuple[float, float]] = {}

@@ -1,4 +1,4 @@
-"""Takes steps in real numbers from words, side by side: what a step in integers stands for."""
+"""Computes in float64, from the same words, the steps that an integer program approximates."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from msnn.features.fixed_point.compile.constants import finite
 Reals = NDArray[np.float64]
 
 LOST = 2.0**-48
-"""What float64 may lose of the values of a step, relative to the largest of their format."""
+"""Maximum float64 rounding error of a step, relative to the largest value of the format."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class ExactSteps:
 
 
 class ExactStepper:
-    """A program in step form whose steps begin with the numbers that words stand for."""
+    """A program in step form whose inputs and states have the values of given words."""
 
     def __init__(self, program: Program, weights: Mapping[str, NDArray[Any]]) -> None:
         self._program = program
@@ -50,10 +50,10 @@ class ExactStepper:
     def steps(
         self, inputs: Mapping[str, Reals], states: Mapping[str, Reals], count: int
     ) -> ExactSteps:
-        """So many steps, each from its own inputs and states, (count, *shape) each.
+        """Computes `count` independent steps; inputs, states and results are (count, *shape).
 
-        The integers do without what is multiplied by 0: such an input stands somewhere in its
-        range, such a state at 0.
+        The integer program omits values multiplied by 0: such an input is set to a value in its
+        range, such a state to 0.
         """
         known = dict(states)
         for state in self._program.states:
@@ -77,9 +77,9 @@ class ExactStepper:
         )
 
     def start(self, windows: Mapping[str, Reals], firsts: Mapping[str, int]) -> Mapping[str, Reals]:
-        """The first states, (1, *shape), of samples from `firsts` on, counted from the first step.
+        """The first states, (1, *shape), from windows that begin at `firsts`.
 
-        They are kept within no range.
+        `firsts` is relative to the first step. The states are not limited to their ranges.
         """
         # as many rows before t0 as the longest look-back: every window then begins inside the log
         t0 = max([0, *(-first for first in firsts.values())])
@@ -103,7 +103,7 @@ class ExactStepper:
     def _series(
         self, signal: Signal, values: Reals | None, count: int, back: int, length: int
     ) -> Reals:
-        """A series in which each step has a few rows of its own."""
+        """A series in which each step reads its own rows."""
         shape = tuple(axis.size for axis in signal.axes)
         series = np.full((count, length, *shape), _low_end(signal))
         if values is not None:
@@ -116,9 +116,9 @@ class ExactStepper:
 
 
 def reference(program: Program) -> Program:
-    """The program that fixed point is compared with: its states keep to their ranges too.
+    """The program that fixed point is compared with: its states are limited to their ranges too.
 
-    Its inputs are taken as they are, since words are within their range.
+    Its inputs are unchecked, since words are always within their range.
     """
     builder, copies = GraphBuilder(), dict[NodeId, NodeId]()
     for index, node in program.step:
@@ -142,7 +142,7 @@ def _within_range(builder: GraphBuilder, state: State) -> State:
 
 
 def _low_end(signal: Signal) -> float:
-    """Some value in the range of a signal."""
+    """The lower limit of the range of a signal; 0 without a range."""
     return (finite(signal.range) or (0.0, 0.0))[0]
 
 

@@ -1,4 +1,4 @@
-"""Leaves out the integer nodes that nothing needs."""
+"""Removes unused integer nodes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from msnn.features.fixed_point.integers.program import IntegerNode, IntegerProgr
 
 
 def without_unused(program: IntegerProgram) -> IntegerProgram:
-    """The program with only those nodes that outputs and memories depend on."""
+    """The program with only the nodes on which outputs and memories depend."""
     roots = [n for _, nodes in program.outputs for n in nodes]
     roots += [n for memory in program.memories for n in memory.next]
     step, places = reached(program.step, roots)
@@ -42,7 +42,7 @@ def without_unused(program: IntegerProgram) -> IntegerProgram:
 def reached(
     nodes: tuple[IntegerNode, ...], roots: Iterable[int]
 ) -> tuple[tuple[IntegerNode, ...], dict[int, int]]:
-    """The nodes that some depend on, these too, and the new places of all by the old."""
+    """The nodes on which the given ones depend, including these, and the new index of each node."""
     wanted = set(roots)
     # operands stand before their users: one pass from the end finds all that is needed
     for index in range(len(nodes) - 1, -1, -1):

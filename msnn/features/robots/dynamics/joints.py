@@ -1,4 +1,4 @@
-"""Places each body of a robot in its parent's frame at a configuration."""
+"""Computes the pose of each body of a robot in its parent's frame."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from msnn.features.robots.dynamics.numbers import Number, Rows, SignedNode, Trip
 from msnn.features.robots.urdf.robot import Body, Robot
 
 Numbers: TypeAlias = Sequence[Number]
-"""One for each body, parents first."""
+"""One value per body, parents first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """x in a body's frame is R x + r in its parent's."""
+    """A point x in the frame of a body is R x + r in the frame of its parent."""
 
     rotation: Rows
     offset: Triple
@@ -25,13 +25,13 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigidBodies:
-    """A robot with the mass distributions of its bodies, constant in the frames of these."""
+    """A robot with the mass distributions of its bodies, each in the frame of its body."""
 
     robot: Robot
     masses: tuple[MassDistribution, ...]
 
     def poses(self, q: Numbers) -> tuple[Pose, ...]:
-        """The poses of the bodies in their parents' frames when the joints are at q."""
+        """The pose of each body in its parent's frame at joint positions q."""
         return tuple(_pose(body, at) for body, at in zip(self.robot.bodies, q, strict=True))
 
 

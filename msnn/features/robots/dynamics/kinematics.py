@@ -1,4 +1,4 @@
-"""Computes where the frames of a robot are and how fast they move."""
+"""Computes positions and velocities of the frames of a robot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from msnn.features.robots.urdf.robot import WORLD, BodyPoint
 
 
 def position(bodies: RigidBodies, place: BodyPoint, q: Numbers) -> list[Number]:
-    """x, y, z of a point of a body, in the frame of the world."""
+    """x, y, z of a point of a body, in the world frame."""
     poses = bodies.poses(q)
     point, body = place.offset, place.body
     # from the body to the base: each pose turns into the parent's frame what is known in its own
@@ -27,7 +27,7 @@ def position(bodies: RigidBodies, place: BodyPoint, q: Numbers) -> list[Number]:
 
 
 def velocity(bodies: RigidBodies, place: BodyPoint, q: Numbers, dq: Numbers) -> list[Number]:
-    """J(q) dq, the velocity of a point of a body along the axes of the world."""
+    """J(q) dq: the velocity of a point of a body, along the axes of the world."""
     poses = bodies.poses(q)
     tree = bodies.robot.bodies
     line = _line(bodies, place.body)
@@ -49,7 +49,7 @@ def velocity(bodies: RigidBodies, place: BodyPoint, q: Numbers, dq: Numbers) -> 
 
 
 def _line(bodies: RigidBodies, body: int) -> list[int]:
-    """The bodies from the base to one."""
+    """The bodies on the path from the base to a body."""
     line: list[int] = []
     while body != WORLD:
         line.append(body)

@@ -1,4 +1,4 @@
-"""Reads the mass distributions of a robot's bodies, those that are learned from parameters."""
+"""Computes the mass distributions of a robot's bodies, partly from learned parameters."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from msnn.features.robots.urdf.geometry import transposed
 from msnn.features.robots.urdf.robot import Robot
 
 Read = Callable[[str, int], Sequence[Number]]
-"""The numbers of a parameter (`mass`, `com`, `size`, `shear`) for one of the heavy bodies."""
+"""Returns the elements of a parameter (`mass`, `com`, `size`, `shear`) of one body with mass, by
+its row."""
 
 
 def with_masses(robot: Robot, read: Read) -> RigidBodies:
-    """The bodies of a robot; what is learned of their masses is read, the rest known."""
+    """The bodies of a robot with their masses; learned ones are read from parameters."""
     masses = [
         about_origin(body.inertia.mass, body.inertia.com, body.inertia.spread)
         for body in robot.bodies
@@ -31,9 +32,10 @@ def with_masses(robot: Robot, read: Read) -> RigidBodies:
 
 
 def _learned(robot: Robot, index: int, read: Callable[[str], Sequence[Number]]) -> MassDistribution:
-    """The masses of one body along the axes of its frame; parameters are along those of its link.
+    """The mass distribution of one body in its frame; parameters refer to the link's axes.
 
-    What is not learned stays: of a body that becomes heavier the extent, not the moments.
+    Parts that are not learned are constant: if the mass is learned, the extent of the body stays
+    the same, so its moments change.
     """
     body = robot.bodies[index]
     to_body = transposed(body.axes)

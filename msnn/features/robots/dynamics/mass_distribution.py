@@ -1,4 +1,4 @@
-"""Gives the mass of each body of a robot and its first two moments, known or learned."""
+"""Defines the mass of a robot's body with its first and second moments."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NO_MOMENTS: Rows = (NOTHING, NOTHING, NOTHING)
 class MassDistribution:
     """m, h = ∫ r dm and Σ = ∫ r rᵀ dm about the origin of a frame: the pseudo-inertia.
 
-    Sums of bodies are sums of these, and they are linear in a body's ten inertial parameters
+    The distributions of bodies can be added. They are linear in a body's ten inertial parameters
     (Wensing, Kim, Slotine: Linear Matrix Inequalities for Physically Consistent Inertial Parameter
     Identification, 2018, equation 10).
     """
@@ -42,7 +42,7 @@ class MassDistribution:
         )
 
     def in_parent(self, R: Rows, r: Triple) -> MassDistribution:
-        """The same about the origin of a frame in which x is R x + r.
+        """The same distribution in a parent frame, in which x is R x + r.
 
         Σ' = R Σ Rᵀ + h' rᵀ + r h'ᵀ + m r rᵀ with h' = R h.
         """
@@ -56,7 +56,7 @@ class MassDistribution:
 
 
 def about_origin(mass: Number, com: Triple, spread: Rows) -> MassDistribution:
-    """The moments of a body of this mass, centre and Σ about the centre."""
+    """The moments about the origin, from the mass, its centre and Σ about the centre."""
     first = scaled(mass, com)
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     second = symmetric(*(spread[i][j] + first[i] * com[j] for i, j in pairs))
@@ -66,10 +66,10 @@ def about_origin(mass: Number, com: Triple, spread: Rows) -> MassDistribution:
 def of_factor(mass: Number, size: Triple, shear: Triple) -> Rows:
     """Σ about the centre: m L Lᵀ with L = [[a, 0, 0], [d, b, 0], [e, f, c]].
 
-    `size` is (a, b, c), above 0, `shear` (d, e, f). It is positive definite whatever the numbers,
-    and with a mass above 0 the body is one that can be built: the Cholesky factor of the
+    `size` is (a, b, c), each above 0; `shear` is (d, e, f). Σ is positive definite for all values,
+    so with a positive mass the body is physically possible. This is the Cholesky factor of the
     pseudo-inertia (Rucker, Wensing: Smooth Parameterization of Rigid-Body Inertia, 2022, section
-    III), lower instead of upper, in which mass and centre are parameters of their own.
+    III). It is lower instead of upper triangular, with mass and centre as separate parameters.
     """
     (a, b, c), (d, e, f) = size, shear
     rows: tuple[Triple, Triple, Triple] = ((a, 0.0, 0.0), (d, b, 0.0), (e, f, c))

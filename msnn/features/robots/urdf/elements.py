@@ -1,4 +1,4 @@
-"""Reads elements and attributes of a URDF: places, directions and numbers."""
+"""Reads elements and attributes of a URDF: poses, directions and numbers."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from msnn.features.robots.urdf.xml_tree import XmlElement
 from spec_schema.diagnostics.diagnostic import Findings
 
 LARGEST = 1e30
-"""In any unit: sums of mass times length squared stay far from what overflows."""
+"""Maximum magnitude in any unit, so that sums of mass times squared length cannot overflow."""
 
 
 def axis_of(element: XmlElement, what: str, findings: Findings) -> Vector | None:
-    """The unit vector of a joint, by default that of x."""
+    """The unit vector of a joint's axis, by default x; None after reporting an error."""
     found = only_element(element, "axis", what, findings)
     if found is None:
         return (1.0, 0.0, 0.0)
@@ -33,7 +33,7 @@ def axis_of(element: XmlElement, what: str, findings: Findings) -> Vector | None
 
 
 def origin_of(element: XmlElement, what: str, findings: Findings) -> tuple[Matrix, Vector]:
-    """Rotation and offset of `<origin xyz rpy>`; none where it is left out."""
+    """Rotation and offset of `<origin xyz rpy>`; identity and 0 without this element."""
     found = only_element(element, "origin", what, findings)
     if found is None:
         return IDENTITY, ZERO
@@ -50,7 +50,7 @@ def origin_of(element: XmlElement, what: str, findings: Findings) -> tuple[Matri
 
 
 def only_element(element: XmlElement, tag: str, what: str, findings: Findings) -> XmlElement | None:
-    """The element of a tag that can stand once; the first where it is reported that it does not."""
+    """The element of a tag that may occur once, or None; repeated elements are reported."""
     found = list(element.all(tag))
     for again in found[1:]:
         said, repair = f"{what} has two `<{tag}>`: which one counts?", "remove one of them"
@@ -74,7 +74,7 @@ def numbers_of(
     *,
     largest: float = LARGEST,
 ) -> tuple[float, ...] | None:
-    """The numbers of an attribute up to `largest`; None once it is reported that it has others."""
+    """The `count` values of an attribute, up to `largest`; None after reporting an error."""
     text = element.attributes.get(name)
     if text is None:
         findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))

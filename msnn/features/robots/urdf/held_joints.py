@@ -1,4 +1,4 @@
-"""Finds where joints stand that a spec does not move: at 0, or where `<mimic>` puts them."""
+"""Computes the fixed positions of joints that a spec does not move: 0, or as `<mimic>` says."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 
 def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> dict[str, float]:
-    """The position of each joint of the file that `moving` leaves out.
+    """The position of each movable joint that `moving` omits.
 
-    A joint that follows another one stands at multiplier · position + offset of that one. Reports
-    those that would move with it.
+    The position of a mimicking joint is multiplier · position + offset of its leader. Reports
+    mimicking joints whose leader moves.
     """
     found: dict[str, float] = {}
     for joint in urdf.joints.values():
@@ -43,7 +43,7 @@ def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> d
 
 
 def _position(joint: Joint, urdf: Urdf, moving: Collection[str]) -> float | None:
-    """The position of a joint; None where it moves, or follows what is not there."""
+    """The position of a joint; None if it moves, or if its leader moves or is missing."""
     factor, position = 1.0, 0.0
     passed: set[str] = set()
     while joint.moves:

@@ -1,7 +1,7 @@
-"""Reads XML written by anybody into a tree of elements that know their places.
+"""Reads untrusted XML into a tree of elements with source positions.
 
-Nothing outside the text is read and nothing is expanded: a document type, without which there are
-no entities but those of XML itself, ends the reading. The tree is as large as the text at most.
+It reads nothing outside the text and expands no entities: a document type, which could define
+entities, is an error. The tree is at most as large as the text.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from spec_schema.diagnostics.source import SourceText, Span
 
 DEEPEST = 64
 _LONGEST_PLACE = 200
-"""Characters of a tag that are underlined at most."""
+"""Maximum number of underlined characters of a tag."""
 
 
 @dataclass(frozen=True, slots=True)
 class XmlElement:
-    """A tag with its attributes, its elements, its text and the place of its first line."""
+    """A tag with its attributes, child elements, text and the position of its first line."""
 
     tag: str
     attributes: Mapping[str, str]
@@ -31,20 +31,20 @@ class XmlElement:
 
     @property
     def text(self) -> str:
-        """The text in it besides elements."""
+        """The text of the element outside its child elements."""
         return "".join(self.texts)
 
     def all(self, tag: str) -> Iterator[XmlElement]:
-        """The elements of one tag in it."""
+        """The child elements with this tag."""
         return (child for child in self.children if child.tag == tag)
 
 
 class _Refused(Exception):  # noqa: N818  (a fact about a text, no fault of ours)
-    """Ends the parsing of a text of which it is reported what is wrong."""
+    """Ends the parsing of a text after its error was reported."""
 
 
 def read_xml(source: SourceText, findings: Findings) -> XmlElement | None:
-    """The root element of a text; None once it is reported why there is none."""
+    """The root element of a text; None after reporting an error."""
     text = source.text
     content = text.encode()
     stack: list[XmlElement] = []

@@ -1,1 +1,1 @@
-"""The self-test of C in fixed point, and the vectors of its test program."""
+"""The self-test of fixed-point C, and the test vectors of its host program."""

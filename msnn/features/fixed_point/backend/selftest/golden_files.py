@@ -1,4 +1,4 @@
-"""Writes the golden steps of the self-test, and the test program for the host with its vectors."""
+"""Writes the golden steps of the self-test, and the host test program with its test vectors."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from msnn.features.fixed_point.integers.program import IntegerProgram
 SELFTEST_STEPS = 16
 _STEPS, _SEED, _STARTS_SEED, _LAG = 25, 2, 0, 3
 _OPENINGS = (0, 0, 0, 0, 0, 0, 1, 2, 5)
-"""How many words outside their ranges runs begin with; those that do have such words in the past
-too."""
+"""For each run, the number of first words outside their ranges. If it is not 0, the past also
+contains such words."""
 _AFTER_INIT = (2, 0)
-"""The same of runs without a past, which stand last."""
+"""The same for the runs that start from `init`, without a past. They are the last runs."""
 _SELFTEST_OPENING = 2
 _FILLED = 90
-"""What memory holds before `reset`: bytes of 255 would be words of -1, which are near the 0 that a
-faulty one forgets to set."""
+"""Byte that fills the memory before `reset`. Bytes of 255 would be words of -1, so close to 0 that
+a test might miss a missing initialisation."""
 
 
 def selftest_functions(program: IntegerProgram, names: FixedNames) -> list[str]:
-    """The golden steps that travel with the code to the target."""
+    """The golden steps that are compiled into the code for the target."""
     begun = golden_run(program, SELFTEST_STEPS, 1, opening=_SELFTEST_OPENING, spoiled=0)
     return _golden(program, names, [begun])
 
 
 def test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
-    """`test/<prefix>_sil.c`, the vectors that it replays, and the words that it must answer."""
+    """`test/<prefix>_sil.c`, the test vectors that it replays, and the expected output words."""
     prefix = names.prefix
     # the last runs begin at `init`, the others at a drawn past: the template counts them by
     # `from_init`

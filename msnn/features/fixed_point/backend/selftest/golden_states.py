@@ -1,4 +1,4 @@
-"""Writes the memories of single golden steps as C: loads those before, compares those after."""
+"""Writes C that loads the memories before single golden steps and checks those after them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def state_functions(
 ) -> tuple[c.Function, c.Function]:
     """`<prefix>_load_state(s, written)` and `<prefix>_state_differs(s, golden_step)`.
 
-    In a golden run the next steps show what a step remembers; behind a single step stands none, so
-    that only those, from step `first` on, are compared.
+    In a golden run, later steps reveal a wrong memory. A single step has no later step, so its
+    memories are compared directly; single steps start at index `first`.
     """
     before = [single.memories for single in singles]
     after = [single.following for single in singles]
@@ -74,7 +74,10 @@ def _rows(
     row: str,
     scope: BlockScope,
 ) -> list[tuple[ArrayView, ArrayView]]:
-    """Each memory in the struct, and in a row of the tables that are written into the scope."""
+    """Pairs of views: each memory in the struct, and the same memory in a row of the tables.
+
+    The tables are declared in the scope.
+    """
     found: list[tuple[ArrayView, ArrayView]] = []
     for table, type, wide in (("words", c.CType.WORD, False), ("sums", c.CType.SUM, True)):
         columns: list[Column] = [

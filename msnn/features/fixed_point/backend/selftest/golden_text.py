@@ -1,4 +1,4 @@
-"""Writes golden steps of fixed point as C and as text: words in, and the words expected out."""
+"""Writes golden steps of fixed point as C and as text: input words and expected output words."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from msnn.features.fixed_point.golden.golden_singles import GoldenSingle
 from msnn.features.fixed_point.integers.program import IntegerProgram, WordPort
 
 _UNROLL = 4
-"""Elements that are copied one by one."""
+"""Maximum number of elements copied by separate statements."""
 
 
 def golden_functions(
@@ -26,10 +26,10 @@ def golden_functions(
     starts: Sequence[IntegerGoldenStart] = (),
     singles: Sequence[GoldenSingle] = (),
 ) -> tuple[Function, ...]:
-    """Prints `GoldenTables` as functions; words are equal or they are not.
+    """Prints `GoldenTables` as C functions; words must be exactly equal.
 
-    Behind the starts of the runs stand those that are judged by the status of `reset` alone, and
-    behind the runs single steps, each with memories of its own.
+    The tables contain first the starts of the runs, then the starts that check only the status of
+    `reset`. Single steps, each with its own memories, follow the steps of the runs.
     """
 
     def differs(given: Expression, expected: Expression, values: Array) -> Expression:
@@ -74,7 +74,7 @@ def _written(
 def expected_text(
     program: IntegerProgram, runs: Sequence[GoldenWords], singles: Sequence[GoldenSingle]
 ) -> str:
-    """One line a step: the status, then each word, in hexadecimal digits."""
+    """One line per step: the status, then each word, in hexadecimal digits."""
     # two's complement, as C prints the word as unsigned: Python would write a minus sign
     digits = program.width.word // 4
     mask = 2**program.width.word - 1

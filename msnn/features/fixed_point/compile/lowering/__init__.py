@@ -1,1 +1,1 @@
-"""Lowers graphs to integer nodes, and bounds what rounding costs."""
+"""Lowers graphs to integer nodes, and bounds the rounding errors."""

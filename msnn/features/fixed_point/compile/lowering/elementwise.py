@@ -1,4 +1,4 @@
-"""Lowers operations that are not linear to integers: extremes, choices, functions, quotients."""
+"""Lowers nonlinear operations to integers: minimum, maximum, choices, functions, quotients."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from msnn.features.fixed_point.integers.builder import CannotFitError, share
 
 
 class ElementwiseForms(Settler):
-    """Makes nodes out of operations that end a linear form."""
+    """Makes nodes of operations whose result is not linear in their operands."""
 
     def quotient(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
-        """left / right, by a table of reciprocals where right varies."""
+        """left / right; a right side that varies uses a table of reciprocals."""
         if not right.terms:
             form = left.times(1.0 / right.constant)
             end = abs(right.constant)
@@ -59,17 +59,17 @@ class ElementwiseForms(Settler):
         return self._simple(found)
 
     def _is_beyond(self, number: PolynomialForm, other: PolynomialForm, *, above: bool) -> bool:
-        """Whether a number is above, or below, all that a node can hold.
+        """True if a constant lies above, or below, every value of a node.
 
-        `_aligned` moves such a number nearer, where it still decides a comparison; as the extreme
-        itself it has to stay.
+        `_aligned` may move such a constant closer without changing a comparison. As the result of
+        `min` or `max` it must not move.
         """
         found = self.builder[self.node(other)]
         scaled = math.ldexp(number.constant, found.fraction)
         return scaled > found.high if above else scaled < found.low
 
     def _overshoot(self, number: PolynomialForm, other: PolynomialForm, *, above: bool) -> float:
-        """The most by which the real value exceeds such a number; the node is an error off."""
+        """The maximum by which the real value exceeds such a constant due to the node's error."""
         node = self.node(other)
         low, high = self.builder.bounds(node)
         apart = number.constant - high if above else low - number.constant
@@ -84,7 +84,7 @@ class ElementwiseForms(Settler):
     def condition(
         self, relation: Relation, left: PolynomialForm, right: PolynomialForm
     ) -> IntegerCondition | Decided:
-        """left relation right; decided where it is known, from the bounds of both too."""
+        """left relation right; decided at compile time if the bounds of both sides allow it."""
         if not left.terms and not right.terms:
             error = left.error + right.error
             is_sure = not error or abs(left.constant - right.constant) > error
@@ -97,7 +97,7 @@ class ElementwiseForms(Settler):
         return IntegerCondition(relation, first, second, left - right)
 
     def _aligned(self, left: PolynomialForm, right: PolynomialForm) -> tuple[int, int]:
-        """Both values at one scale; a number that is out of reach stays beyond all values."""
+        """Both values at one scale; a constant beyond the bounds of the other side stays beyond."""
         forms = (left, right)
         for this, other in (forms, forms[::-1]):
             if not this.terms:
@@ -121,7 +121,7 @@ class ElementwiseForms(Settler):
                 fraction -= 1
 
     def _room(self, node: int) -> int:
-        """Units beyond the bounds of a node that no value comes to for which it stands."""
+        """Distance from the bounds of a node, in units, that no real value of the node reaches."""
         found = self.builder[node]
         units = math.ldexp(self.builder.errors[node], found.fraction)
         # no more than a sum has bits for: nearer numbers decide the same, and may be in doubt
@@ -131,7 +131,7 @@ class ElementwiseForms(Settler):
     def selected(
         self, condition: IntegerCondition | Decided, then: PolynomialForm, otherwise: PolynomialForm
     ) -> PolynomialForm:
-        """A choice; one between two numbers is linear in a node that is 0 or 1."""
+        """A choice; between two constants it is linear in a node that is 0 or 1."""
         if isinstance(condition, Decided):
             taken = then if condition.holds else otherwise
             return taken if condition.is_sure else taken.within(then.reach + otherwise.reach)
@@ -149,7 +149,7 @@ class ElementwiseForms(Settler):
         return self.form(self.builder.choose(relation, left, right, a, b, apart))
 
     def _same_scale(self, left: PolynomialForm, right: PolynomialForm) -> tuple[int, int]:
-        """As `_aligned`, with numbers kept as they are."""
+        """Like `_aligned`, but constants keep their values."""
         a, b = self.node(left), self.node(right)
         fractions = [self.builder[n].fraction for n, f in ((a, left), (b, right)) if f.terms]
         # numbers follow the node beside them: rounded to its scale they cost no shift in the step
@@ -161,7 +161,7 @@ class ElementwiseForms(Settler):
                 fraction -= 1
 
     def applied(self, function: str, *forms: PolynomialForm) -> PolynomialForm:
-        """A function of the table in `scalars/table.py`."""
+        """A function that `scalars/table.py` lists."""
         row = SCALAR_FUNCTIONS[function]
         if all(not form.terms for form in forms):
             value = self.number(float(row.numpy(*(np.float64(f.constant) for f in forms))))

@@ -1,7 +1,7 @@
-"""Holds real values before they are rounded: polynomials of degree ≤ 2 over integer nodes.
+"""Represents real values before rounding: polynomials of degree ≤ 2 over integer nodes.
 
-A value stays a form as long as it is linear, so that a filter, a linear layer or an Euler step
-becomes one sum with one rounding, and Σ μᵢ(x) · (wᵢ c + bᵢ) becomes c · Σ μᵢ wᵢ + Σ μᵢ bᵢ.
+A linear value is not rounded. So a filter, a linear layer or an Euler step becomes one sum with one
+rounding. Σ μᵢ(x) · (wᵢ c + bᵢ) becomes c · Σ μᵢ wᵢ + Σ μᵢ bᵢ.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ Monomial = tuple[int, ...]
 
 
 class FormContext(Protocol):
-    """Makes nodes out of forms."""
+    """Makes nodes of forms."""
 
     def is_thin(self, form: PolynomialForm) -> bool:
-        """Whether the form is a degree of membership, which products are expanded with."""
+        """True if the form is a membership degree, with which products are expanded."""
         ...
 
     def product(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
@@ -33,10 +33,10 @@ class FormContext(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolynomialForm:
-    """constant + Σ coefficient · monomial, which is within `error` of what it stands for.
+    """constant + Σ coefficient · monomial, within `error` of the exact value.
 
-    That is 0 but where something was decided or left out by bounds alone; the errors of the nodes
-    are counted where they are read.
+    The error is 0 unless bounds alone decided a comparison or removed a term. Errors of the nodes
+    are counted where the nodes are read.
     """
 
     context: FormContext
@@ -50,12 +50,12 @@ class PolynomialForm:
 
     @property
     def reach(self) -> float:
-        """The largest magnitude that it can stand for."""
+        """The largest possible magnitude of the exact value."""
         sizes = (share(c, self.context.size(monomial)) for monomial, c in self.terms)
         return abs(self.constant) + sum(sizes) + self.error
 
     def within(self, error: float) -> PolynomialForm:
-        """The same for something that it can be so much further from."""
+        """The same form with this error added to its error bound."""
         return replace(self, error=self.error + error)
 
     def __add__(self, other: PolynomialForm) -> PolynomialForm:
@@ -91,7 +91,7 @@ class PolynomialForm:
 
 
 _SHORT = 2
-"""Terms of a form whose products are worth expanding."""
+"""Maximum number of terms of a form whose products are expanded."""
 
 
 def _is_short(form: PolynomialForm) -> bool:
@@ -110,7 +110,7 @@ def _expanded(left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
 
 
 _NEGLIGIBLE = 1e-12
-"""What is left of a coefficient that cancelled, relative to the largest."""
+"""A coefficient below this fraction of the largest one counts as cancelled."""
 
 
 def _form(

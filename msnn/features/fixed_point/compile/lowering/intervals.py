@@ -1,4 +1,4 @@
-"""Bounds integer nodes where one of them is known more closely, as beside a threshold."""
+"""Narrows the bounds of integer nodes if one node is known more closely, as near a threshold."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ Interval = tuple[int, int]
 def bounds_near(
     nodes: Sequence[IntegerNode], node: int, ends: Interval
 ) -> dict[int, tuple[float, float]]:
-    """The real intervals of nodes while a node's word is between the ends.
+    """The real intervals of nodes while the word of one node lies between the two ends.
 
-    Of the nodes that this narrows: what the node is a rescaled copy of, and what is made of that.
+    The result contains only nodes with narrowed intervals: the nodes of which this node is a
+    rescaled copy, and those computed from them.
     """
     words = {node: ends}
     # backwards first: what holds of a rescaled copy holds of the node that it was made of
@@ -46,7 +47,7 @@ def bounds_near(
 
 
 def _scaled_from(nodes: Sequence[IntegerNode], node: int, ends: Interval) -> Interval | None:
-    """The words of what a node is at another scale; None where it is no such copy."""
+    """The range of words of the node that this node rescales; None if it is no rescaled copy."""
     low, high = ends
     match nodes[node].op:
         case RoundShift(bits):
@@ -61,7 +62,7 @@ def _scaled_from(nodes: Sequence[IntegerNode], node: int, ends: Interval) -> Int
 
 
 def _narrowed(node: IntegerNode, args: Sequence[Interval]) -> Interval | None:
-    """The words of a node with arguments between these; None for all that its bounds allow."""
+    """The range of words of a node for these ranges of its arguments; None if not narrowed."""
     lows, highs = [low for low, _ in args], [high for _, high in args]
     match node.op:
         case RoundShift(bits):

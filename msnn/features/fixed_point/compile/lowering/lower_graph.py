@@ -28,11 +28,11 @@ Elements = NDArray[np.object_]
 """Forms or conditions in the shape of a node, after an axis of length 1."""
 
 _LONGEST = 4
-"""Terms up to which a sum is not yet rounded: it may become a part of another one."""
+"""Maximum number of terms of a sum that stays unrounded, as it may become part of another sum."""
 
 
 class UnsupportedError(Exception):
-    """A value that has no place in fixed point: what it is, where, and why."""
+    """A value that fixed point cannot represent: its name, its position and the reason."""
 
     def __init__(self, what: str, span: Span | None, why: str) -> None:
         super().__init__(why)
@@ -40,7 +40,7 @@ class UnsupportedError(Exception):
 
 
 class Lowering(ElementwiseForms):
-    """The values of one graph; what it reads comes from `reads` (signals, logs) and `states`."""
+    """Computes forms of the nodes of one graph; `reads` gives signals and logs, `states` states."""
 
     def __init__(
         self,
@@ -151,7 +151,7 @@ class Lowering(ElementwiseForms):
                 assert_never(node.op)
 
     def _is_clamped_above(self, node: Node) -> bool:
-        """Whether a value is compared with the limit that it is clamped to: only NaN is below."""
+        """True if a value clamped to a lower limit is compared with that limit; only NaN fails."""
         clamped, low = node.args
         if node.op != ops.Compare(ops.Relation.GREATER_EQUAL):
             return False
@@ -168,7 +168,7 @@ class Lowering(ElementwiseForms):
         return self.form(self.node(form)) if len(form.terms) > _LONGEST else form
 
     def _hats(self, index: NodeId, sets: CompactSets) -> Elements:
-        """Degrees of triangular sets as differences of ramps, which sum to 1 exactly."""
+        """Membership degrees of triangular sets as differences of ramps; their sum is exactly 1."""
         points = self.graph[sets.points].op
         assert isinstance(points, ops.Constant), "points of ramps are numbers"
         (form,) = self._values[sets.value].ravel()
@@ -231,7 +231,7 @@ def _elements(forms: list[PolynomialForm], shape: tuple[int, ...]) -> Elements:
 
 
 def elements(settler: Settler, nodes: list[int], shape: tuple[int, ...]) -> Elements:
-    """Nodes as the elements of a value."""
+    """Nodes as an array of forms in the shape of a value."""
     return _elements([settler.form(node) for node in nodes], shape)
 
 

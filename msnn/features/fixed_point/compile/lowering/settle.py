@@ -1,4 +1,4 @@
-"""Makes one integer node out of a form: chooses the scale, the coefficients and the bounds."""
+"""Turns a form into one integer node: chooses scale, coefficients and bounds."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from msnn.features.fixed_point.integers.builder import CannotFitError, IntegerBu
 from msnn.features.fixed_point.integers.program import Width
 
 _ROOM = 0.9
-"""Part of the range of a sum that values may fill; the rest is for roundings."""
+"""Fraction of the range of a sum that values may fill; the rest is reserved for rounding."""
 
 _ROUNDING = 2.0**-45
-"""What float64 itself may lose of a term in a sum of hundreds: the reference is rounded too."""
+"""Relative float64 rounding error of a term in a sum of hundreds; the reference rounds too."""
 
 _FINEST = 2**10
-"""Beyond the scales of all numbers."""
+"""Number of fraction digits that exceeds every scale in use."""
 
 _WORTH_A_SHIFT = 3
-"""Bits that the coefficients of a part of a sum gain by a rounding of its own."""
+"""Minimum gain in bits of coefficients that justifies summing some terms separately."""
 
 
 _Key = tuple[float, tuple[tuple[Monomial, float], ...]]
@@ -29,10 +29,10 @@ _Key = tuple[float, tuple[tuple[Monomial, float], ...]]
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """A node that grows from 0 while x passes one interval, the intervals side by side.
+    """A node that rises from 0 while x crosses one interval of a chain of adjacent intervals.
 
-    A ramp begins when the one before is full, so sums over ramps of one chain are bounded by their
-    values where intervals meet.
+    A ramp begins where the previous one ends. So sums over the ramps of a chain are bounded by
+    their values at the interval ends.
     """
 
     chain: int
@@ -40,7 +40,7 @@ class Ramp:
 
 
 class Settler:
-    """The forms of one graph and the nodes that they became."""
+    """Turns the forms of one graph into nodes, and remembers them."""
 
     def __init__(self, width: Width) -> None:
         self.builder = IntegerBuilder(width)
@@ -72,7 +72,7 @@ class Settler:
         return self.form(node).times(mine * its)
 
     def _factor(self, form: PolynomialForm) -> tuple[int, float]:
-        """The word that a factor of a product is a multiple of, and how many times."""
+        """A factor of a product as (word, coefficient): the factor is coefficient · word."""
         if form.degree != 1 or len(form.terms) != 1 or form.constant != 0.0:
             return self.builder.as_word(self.node(form)), 1.0
         (((node,), coefficient),) = form.terms
@@ -88,8 +88,8 @@ class Settler:
     ) -> float:
         """The error of a product d·r whose factor d is a sum of decisions, else inf.
 
-        Each decision is wrong, by 1, only beside its threshold, where r may be small. The form, its
-        word and how many times that is are given of both.
+        A decision can be wrong by 1 only near its threshold, where r may be small. Both arguments
+        are (form, word, coefficient) with form = coefficient · word.
         """
         (form, word, times), (right, factor, its) = decided, other
         errors, reach = self.builder.errors, self.builder.reach
@@ -118,7 +118,7 @@ class Settler:
         return self.builder.allow(node, error + form.error)
 
     def _degree_one(self, form: PolynomialForm) -> list[tuple[int, float]]:
-        """The terms with products computed; a factor that many share is taken out first."""
+        """The terms with products computed; common factors are taken out first."""
         linear = [(m[0], c) for m, c in form.terms if len(m) == 1]
         rest = {m: c for m, c in form.terms if len(m) > 1}
         while rest:
@@ -174,15 +174,15 @@ class Settler:
         return self.builder.allow(self.builder.weighted_sum(rounded, kept, fraction, bounds), error)
 
     def _term_error(self, whole: int, operand: int, coefficient: float, fraction: int) -> float:
-        """|c′ v − c x| ≤ |c′ − c| |v| + |c| |v − x| of a term, c′ the coefficient as it is used."""
+        """|c′ v − c x| ≤ |c′ − c| |v| + |c| |v − x| for a term; c′ is the rounded coefficient."""
         used = math.ldexp(whole, self.builder[operand].fraction - fraction)
         off = share(used - coefficient, self.builder.reach(operand))
         return off + share(coefficient, self.builder.errors[operand])
 
     def _apart(self, terms: list[tuple[int, float]]) -> list[tuple[int, float]]:
-        """Products that are small beside what is only shifted are summed first, at their own scale.
+        """Sums the products at their own scale first if they are small compared with shifted terms.
 
-        x + dt · (…) would otherwise leave the coefficients of the second part few bits.
+        x + dt · (…) would otherwise leave few bits for the coefficients of the second part.
         """
         products = [term for term in terms if self._exact_fraction(*term) is None]
         shifted = [term for term in terms if self._exact_fraction(*term) is not None]
@@ -207,7 +207,10 @@ class Settler:
         return self.builder.literal(whole, fraction, abs(math.ldexp(whole, -fraction) - value))
 
     def _order(self, term: tuple[int, float]) -> tuple[int, int, int]:
-        """Ramps of a chain side by side and in their order; that is what bounds their sum."""
+        """Sort key that keeps the ramps of a chain together in order.
+
+        The bound of their sum requires this order.
+        """
         ramp = self.ramps.get(term[0])
         return (0, 0, term[0]) if ramp is None else (1, ramp.chain, ramp.place)
 
@@ -225,7 +228,7 @@ class Settler:
         return math.floor(math.log2(_ROOM * self.builder.width.largest_sum / reach))
 
     def _fraction_of(self, constant: float, terms: list[tuple[int, float]]) -> int:
-        """The scale at which a constant is whole, or loses no more than a word of the sum does."""
+        """The scale at which a constant is an integer or as precise as a word of the sum."""
         whole, parts = constant.as_integer_ratio()
         if not whole:
             return -_FINEST
@@ -257,7 +260,10 @@ class Settler:
         return low, high
 
     def _exact_fraction(self, node: int, coefficient: float) -> int | None:
-        """The scale at which coefficient · node is the node itself, for powers of two."""
+        """The scale at which coefficient · node is the node's integer, or None.
+
+        Only coefficients that are powers of two have such a scale.
+        """
         mantissa, exponent = math.frexp(abs(coefficient))
         return self.builder[node].fraction - (exponent - 1) if mantissa == 0.5 else None
 

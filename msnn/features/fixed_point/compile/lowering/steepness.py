@@ -1,4 +1,4 @@
-"""Bounds how far the values of a function are apart whose arguments are close to each other."""
+"""Bounds the difference of a function's values for arguments that are close to each other."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Mapping
 
 Slope = Callable[[float, float], float]
-"""The largest |f′| between two ends, infinite where there is none."""
+"""The largest |f′| between two arguments; infinite if it is unbounded."""
 
 
 def furthest(function: str, low: float, high: float, apart: float) -> float:
-    """The largest |f(x) − f(y)| of |x − y| ≤ apart with x in low … high; inf where none is known.
+    """The largest |f(x) − f(y)| for |x − y| ≤ apart and x in low … high; inf if unknown.
 
-    By the mean value theorem with the steepest slope in the widened interval. At the ends of their
-    domains, where they are infinitely steep, √, asin and acos have a bound of their own.
+    By the mean value theorem with the largest |f′| in the widened interval. √, asin and acos have
+    their own bounds at the ends of their domains, where |f′| is infinite.
     """
     if apart == 0.0:
         return 0.0
@@ -31,7 +31,7 @@ def furthest(function: str, low: float, high: float, apart: float) -> float:
 
 
 def steepest(function: str, low: float, high: float) -> float:
-    """The largest |f′| in low … high; inf where it is infinite or not known."""
+    """The largest |f′| in low … high; inf if it is infinite or unknown."""
     slope = _SLOPES.get(function)
     if slope is None:
         return math.inf
@@ -42,7 +42,7 @@ def steepest(function: str, low: float, high: float) -> float:
 
 
 def _nearest(low: float, high: float) -> float:
-    """The distance from 0 of the point that is nearest to it."""
+    """The distance between 0 and the closest point of the interval."""
     return 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
 
 
@@ -81,4 +81,4 @@ _SLOPES: Mapping[str, Slope] = {
     "sigmoid": lambda low, high: _sigmoid(_nearest(low, high)) * _sigmoid(-_nearest(low, high)),
     "softplus": lambda low, high: _sigmoid(high),
 }
-"""Each is largest at an end, or where the argument is nearest to or farthest from 0."""
+"""Each |f′| is largest at an end, or at the argument nearest to or farthest from 0."""

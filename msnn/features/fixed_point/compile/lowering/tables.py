@@ -1,4 +1,4 @@
-"""Chooses a table for a function: the fewest cells whose interpolation is close enough."""
+"""Chooses the lookup table with the fewest cells whose interpolation error is small enough."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from msnn.features.fixed_point.integers.program import IntegerLookup, Width
 Reals = NDArray[np.float64]
 _MOST_CELLS = {"q15": 512, "q31": 4096}
 _TOLERANCE = {"q15": 2.0**-10, "q31": 2.0**-19}
-"""Largest error of the interpolation, relative to the span of the function's values."""
+"""Maximum interpolation error, relative to the span of the function's values."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +29,7 @@ class FittedTable:
     low: int
     high: int
     error: float
-    """How far what the table says of a word, moved to low … high, is from the function."""
+    """Maximum difference between table and function, for any word after limiting to low … high."""
 
 
 def fitted_table(
@@ -38,10 +38,10 @@ def fitted_table(
     width: Width,
     argument: tuple[int, int, int],
 ) -> FittedTable:
-    """The table for integer arguments low … high at a fraction.
+    """The table for a function; `argument` is (low, high, fraction digits) of its integer argument.
 
-    Where the function is flat at an end to half a unit of its value, the table ends: the argument
-    is to be moved to low … high. Raises CannotFitError where no table is close enough.
+    A table ends where the function is constant within half a unit; the caller limits the argument
+    to low … high. Raises CannotFitError if no table is accurate enough.
     """
     low, high, fraction = argument
     # every word where there are at most 65,537, else as many of them evenly spread
@@ -94,9 +94,9 @@ def fitted_table(
 
 
 def _between(name: str, points: Reals, fraction: int, steep: float) -> float:
-    """The further error of words between the points: 0 where every word is a point.
+    """Additional error for words between the checked points; 0 if every word was checked.
 
-    From the nearest point neither the function nor the table moves further than its steepest slope.
+    Bounded by the largest derivatives of function and table over the distance to the nearest point.
     """
     farthest = float(np.diff(points).max(initial=1.0)) // 2
     if farthest < 1:
@@ -108,7 +108,7 @@ def _between(name: str, points: Reals, fraction: int, steep: float) -> float:
 def _varying(
     points: Reals, values: Reals, negligible: float, low: int, high: int
 ) -> tuple[int, int]:
-    """The part of the domain outside which the function stays as it is at the ends."""
+    """The part of the domain outside which the function equals its end values."""
     moved = np.flatnonzero(np.abs(values - values[0]) > negligible)
     if moved.size == 0:
         return low, low
@@ -125,7 +125,10 @@ def _nodes(
     fraction: int,
     domain: tuple[int, int],
 ) -> Reals | None:
-    """Values at the ends of the cells, moved by half the error that chords have between them."""
+    """Values at the cell ends, shifted by half the interpolation error in the middle of the cells.
+
+    None if a value is not finite.
+    """
     places = first + 2.0**bits * np.arange(cells + 1)
     middles = places[:-1] + 2.0 ** (bits - 1)
     with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""Bounds what a wrong decision costs: beside a threshold both choices may be nearly the same."""
+"""Bounds the cost of a wrong decision: near a threshold both choices may be almost equal."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from msnn.features.fixed_point.integers.program import Literal
 
 @dataclass(frozen=True, slots=True)
 class IntegerCondition:
-    """left relation right, of nodes at one scale."""
+    """left relation right, for two nodes of the same scale."""
 
     relation: Relation
     left: int
     right: int
     difference: PolynomialForm
-    """left − right before they were rounded."""
+    """left − right before rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """A condition that bounds decide; where they are close, the exact values may do otherwise."""
+    """A condition decided by bounds; `is_sure` is True if the exact values always agree."""
 
     holds: bool
     is_sure: bool
@@ -35,10 +35,11 @@ class Decided:
 def reach_beside(
     builder: IntegerBuilder, condition: IntegerCondition, form: PolynomialForm
 ) -> float:
-    """The largest magnitude of a form where rounding may decide the condition; 0 if nowhere.
+    """The largest magnitude of a form where rounding may change the condition; 0 if nowhere.
 
-    There |left − right| is at most the errors of both. form = κ (left − right) + rest for any κ:
-    one that cancels a term may leave little, as of the choices of `where(x > 0, x, 0.1 * x)`.
+    There, |left − right| is at most the sum of both errors. form = κ (left − right) + rest holds
+    for any κ, and a κ that cancels a term may give a small bound, as for `where(x > 0, x, 0.1 *
+    x)`.
     """
     left, right, difference = condition.left, condition.right, condition.difference
     if not builder.is_doubtful(left, right):
@@ -63,7 +64,7 @@ def reach_beside(
 def _reach(
     builder: IntegerBuilder, form: PolynomialForm, near: Mapping[int, tuple[float, float]]
 ) -> float:
-    """The largest magnitude of a form where some nodes are within narrower bounds."""
+    """The largest magnitude of a form if the nodes in `near` have these narrower bounds."""
     low = high = form.constant
     error = form.error
     for monomial, coefficient in form.terms:
