@@ -6,8 +6,10 @@ only when a name is not ours, once in a process: the look-up takes longer than t
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Collection, Iterator
 from threading import RLock
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, cast
 
 from spec_schema import registry
@@ -27,6 +29,8 @@ _ALL = "all"
 """The word of `msnn export --to` for every target of msnn."""
 _OF_THE_LANGUAGE = LateObject("compiler.ir.scalars.signatures", "OF_THE_LANGUAGE")
 """Names that a function of a plug-in cannot have; the compiler has them, above this room."""
+_OF_THE_COMMAND_LINE = LateObject("msnn.cli.application", "VERBS")
+"""Names that a verb of a plug-in cannot have."""
 
 SCHEMA_LOCK = RLock()
 """Held while the schema of specs changes, and while a spec is validated by it."""
@@ -92,6 +96,7 @@ def forget() -> None:
             lines.remove(line)
         _SEARCH.added.clear()
         registry.FUNCTIONS.clear()
+        registry.VERBS.clear()
         _SEARCH.plugins = None
 
 
@@ -135,6 +140,14 @@ def _looked_up() -> Plugins:
                 keys.add(("function", function.key))
             else:
                 warnings.append(_taken(package, "function", function.key))
+        for verb in feature.verbs:
+            taken = verb.key in (*_OF_THE_COMMAND_LINE.value, *registry.VERBS)
+            # as in other commands, words of a name may have a hyphen between them
+            if is_name(verb.key.replace("-", "_")) and not taken:
+                registry.VERBS[verb.key] = verb
+                keys.add(("verb", verb.key))
+            else:
+                warnings.append(_taken(package, "verb", verb.key))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
@@ -165,6 +178,7 @@ _KINDS = {
     "targets": registry.TargetLine,
     "layers": registry.LayerLine,
     "functions": registry.FunctionLine,
+    "verbs": registry.VerbLine,
 }
 """The class of the lines in each field of a record."""
 
@@ -173,7 +187,7 @@ def _import_all(feature: Feature) -> None:
     """Imports the objects of all lines, so that a failure is reported before a spec is read.
 
     Raises TypeError for a line of another kind, an entry that is no `Entry`, and a target of
-    another name than its line.
+    another name than its line. A verb must be a function or a `typer.Typer`.
     """
     for field, kind in _KINDS.items():
         lines: object = getattr(feature, field)
@@ -192,3 +206,10 @@ def _import_all(feature: Feature) -> None:
     for line in feature.targets:
         if line.target.value.name != line.key:
             raise TypeError(f"the target of the line `{line.key}` has another name")
+    for line in feature.verbs:
+        command = line.command.value
+        # before typer is imported there is no object of it
+        typer = sys.modules.get("typer")
+        is_app = typer is not None and isinstance(command, typer.Typer)
+        if not isinstance(command, FunctionType) and not is_app:
+            raise TypeError(f"the verb of the line `{line.key}` is no function and no typer.Typer")

@@ -1,37 +1,10 @@
-"""Defines commands with helpful errors for unexpected arguments."""
+"""Defines a command with helpful errors for unexpected arguments."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from typer import BadParameter
-from typer.core import TyperCommand, TyperGroup
-
-from spec_schema.diagnostics.printable import printable
-
-# typer has it by no name of its own
-_UsageError: Any = BadParameter.__bases__[0]
-
-
-class VerbGroup(TyperGroup):
-    """Suggests the position of an option that is placed before the command."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Like typer, except for an option that may belong to a command."""
-        first, *others = args or [""]
-        own = {option for parameter in self.get_params(ctx) for option in parameter.opts}
-        verb = next((word for word in others if word in self.commands), None)
-        if first.startswith("-") and first not in own and verb and not ctx.resilient_parsing:
-            ctx.fail(f"`{first}` stands before its verb; write `{ctx.command_path} {verb} {first}`")
-        return super().parse_args(ctx, args)
-
-    def invoke(self, ctx: Any) -> Any:
-        """Like typer; quoted parts of the command line are made printable."""
-        try:
-            return super().invoke(ctx)
-        except _UsageError as error:
-            error.message = printable(error.message)
-            raise
+from typer.core import TyperCommand
 
 
 class VerbCommand(TyperCommand):

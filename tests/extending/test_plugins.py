@@ -48,6 +48,12 @@ FEATURE = Feature(name="stranger", targets=(
 ))
 """
 
+VERB = """
+from msnn.extending import Feature, LateObject, VerbLine
+
+FEATURE = Feature(name="a", verbs=(VerbLine("weigh", "", LateObject(__name__, "{command}")),))
+"""
+
 
 def spec_file(folder: Path, text: str) -> Path:
     file = folder / "m.msnn.yaml"
@@ -73,6 +79,8 @@ def test_a_spec_of_our_names_looks_up_nothing(tmp_path: Path):
     file = spec_file(tmp_path, f"{PLAIN}x-note: mine\nexport: {{c: {{}}}}\n")
     assert run(["check", str(file), "--set", "export.c.dtype=float32"]) == 0
     assert run(["show", str(file)]) == 0
+    assert run(["check", "--help"]) == 0
+    assert run(["--version"]) == 0
     out = str(tmp_path / "out")
     assert run(["export", str(file), "--initial", "--to", "c", "--out", out]) == 0
 
@@ -175,6 +183,10 @@ def test_a_name_that_is_taken_is_left_out_with_a_warning(
             "`broken:SECTION` is no class with the base Entry",
         ),
         (TARGET.format(key="fine", name="other"), "the target of the line `fine` has another name"),
+        (
+            VERB.format(command="VerbLine"),
+            "the verb of the line `weigh` is no function and no typer.Typer",
+        ),
     ],
 )
 def test_a_plugin_that_fails_is_named_and_left_out(
