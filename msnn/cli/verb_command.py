@@ -2,13 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from typer.core import TyperCommand
 
+from spec_schema.plugins import look_up
+from spec_schema.registry import Feature, TargetLine, VerbLine
+
+
+def plugin_rows(
+    kind: str, lines: Callable[[Feature], Sequence[VerbLine | TargetLine]]
+) -> list[tuple[str, str]]:
+    """Each name that plug-ins bring of a kind, and its help with package and version."""
+    from msnn.cli.console import report
+
+    plugins = look_up()
+    report(plugins.warnings, ())
+    return [
+        (line.key, f"{line.help.rstrip('.')} ({plugin.package} {plugin.version})")
+        for plugin in plugins.found
+        for line in lines(plugin.feature)
+        if (kind, line.key) in plugin.keys
+    ]
+
 
 class VerbCommand(TyperCommand):
     """Rejects extra arguments; data files are passed by an option."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Like typer; the help of `export` also lists the targets of plug-ins."""
+        super().format_options(ctx, formatter)
+        rows = (
+            plugin_rows("target", lambda feature: feature.targets) if self.name == "export" else []
+        )
+        if rows:
+            with formatter.section("Targets of plug-ins"):
+                formatter.write_dl(rows)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Like typer; extra arguments end the command with a suggestion."""

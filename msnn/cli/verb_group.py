@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 
 from msnn.cli.console import report
 from msnn.cli.manners import with_manners
-from msnn.cli.verb_command import VerbCommand
+from msnn.cli.verb_command import VerbCommand, plugin_rows
 from spec_schema.diagnostics.printable import printable
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.plugins import Plugin, look_up, plugins_with
@@ -73,16 +73,9 @@ class VerbGroup(TyperGroup):
         return [*ours, *VERBS]
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Like typer, with a group for the verbs of plug-ins, each with its package."""
+        """Like typer, with a group for the verbs of plug-ins, each with its package and version."""
         super().format_commands(ctx, formatter)
-        plugins = look_up()
-        report(plugins.warnings, ())
-        rows = [
-            (line.key, f"{line.help.rstrip('.')} ({plugin.package}).")
-            for plugin in plugins.found
-            for line in plugin.feature.verbs
-            if ("verb", line.key) in plugin.keys
-        ]
+        rows = plugin_rows("verb", lambda feature: feature.verbs)
         if rows:
             with formatter.section("Plug-ins"):
                 formatter.write_dl(rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -127,11 +128,31 @@ def test_tools_know_the_keys_of_plugins(capsys: pytest.CaptureFixture[str]):
     assert run(["schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
     assert "budget" in schema["properties"]
-    assert run(["doctor"]) == 0
-    assert "msnn-example" in capsys.readouterr().out
     plugins.forget()
     assert run(["schema"]) == 0
     assert "budget" in json.loads(capsys.readouterr().out)["properties"]
+
+
+@pytest.mark.usefixtures("example")
+def test_doctor_lists_all_that_plugins_bring(capsys: pytest.CaptureFixture[str]):
+    brings = {
+        "function": "lerp",
+        "layer": "dead_zone",
+        "section": "budget",
+        "target": "datasheet",
+        "verb": "operations",
+    }
+    assert run(["doctor"]) == 0
+    listed = ", ".join(f"{kind} {name}" for kind, name in brings.items())
+    assert re.search(f"^msnn-example +0.1.0 +plug-in: {listed}$", capsys.readouterr().out, re.M)
+    assert run(["doctor", "--format", "json"]) == 0
+    assert json.loads(capsys.readouterr().out)["plugins"] == [
+        {
+            "package": "msnn-example",
+            "version": "0.1.0",
+            "brings": [{"kind": kind, "name": name} for kind, name in brings.items()],
+        }
+    ]
 
 
 def test_a_plugin_that_is_gone_leaves_no_key(

@@ -77,7 +77,7 @@ def test_verbs_of_plugins_are_a_group_of_their_own(capsys: pytest.CaptureFixture
     assert run(["--help"]) == 0
     ours, _, theirs = capsys.readouterr().out.partition("\nPlug-ins:\n")
     assert "operations" not in ours
-    assert "  operations  Count the operations of a step by kind (msnn-example).\n" in theirs
+    assert "  operations  Count the operations of a step by kind (msnn-example 0.1.0)\n" in theirs
 
 
 @pytest.mark.usefixtures("install")
@@ -161,7 +161,7 @@ def test_a_fault_of_a_verb_is_one_of_its_package(
     assert "the plug-in scale 0.1.0 failed" in said
     # the others are listed and completed anyway
     assert run(["--help"]) == 0
-    assert "weigh  Weigh it (scale)." in capsys.readouterr().out
+    assert "weigh  Weigh it (scale 0.1.0)" in capsys.readouterr().out
 
 
 def test_a_verb_may_have_verbs(scale: Scale, capsys: pytest.CaptureFixture[str]):
@@ -191,7 +191,7 @@ def test_a_name_that_is_taken_is_left_out(
     assert run(["--help"]) == 0
     said = capsys.readouterr()
     assert f"the verb `{name}` of the package scale is left out" in said.err
-    assert "(scale)" not in said.out
+    assert "(scale 0.1.0)" not in said.out
 
 
 def test_an_unknown_verb_names_the_plugins_that_do_not_work(
