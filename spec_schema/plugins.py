@@ -7,7 +7,8 @@ only when a name is not ours, once in a process: the look-up takes longer than t
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import field
 from threading import RLock
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, cast
@@ -54,6 +55,8 @@ class Plugins:
 
     found: tuple[Plugin, ...] = ()
     warnings: tuple[Diagnostic, ...] = ()
+    failed: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Packages whose plug-in is left out, each with the reason."""
 
 
 class _Search:
@@ -112,6 +115,7 @@ def _looked_up() -> Plugins:
     points = sorted(entry_points(group=GROUP), key=lambda point: (_package(point), point.name))
     found: list[Plugin] = []
     warnings: list[Diagnostic] = []
+    failed: dict[str, str] = {}
     for point in points:
         package = _package(point)
         try:
@@ -124,6 +128,7 @@ def _looked_up() -> Plugins:
             repair = f"install a version of {package} that fits this msnn, or remove it"
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             warnings.append(left_out(package, f"the plug-in `{point.name}`", reason, repair))
+            failed[package] = reason
             continue
         keys: set[tuple[str, str]] = set()
         for kind, lines, line in _lines(feature):
@@ -152,7 +157,7 @@ def _looked_up() -> Plugins:
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
-    return Plugins(tuple(found), tuple(warnings))
+    return Plugins(tuple(found), tuple(warnings), failed)
 
 
 def _taken(package: str, kind: str, key: str) -> Diagnostic:
@@ -189,12 +194,12 @@ def _import_all(feature: Feature) -> None:
     Raises TypeError for a line of another kind, an entry that is no `Entry`, and a target of
     another name than its line. A verb must be a function or a `typer.Typer`.
     """
-    for field, kind in _KINDS.items():
-        lines: object = getattr(feature, field)
+    for name, kind in _KINDS.items():
+        lines: object = getattr(feature, name)
         if not isinstance(lines, tuple) or not all(
             isinstance(line, kind) for line in cast("tuple[object, ...]", lines)
         ):
-            raise TypeError(f"`{field}` of its record is no tuple of {kind.__name__}")
+            raise TypeError(f"`{name}` of its record is no tuple of {kind.__name__}")
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
     named += [line.expand for line in feature.functions]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from msnn.errors.commands import compiler_failed, missing_extra, not_run_here
+from msnn.errors.commands import compiler_failed, missing_extra, not_run_here, plugin_fails
 from spec_schema.diagnostics.diagnostic import Diagnostic, shown_whole
 
 
@@ -32,10 +32,13 @@ class MissingExtraError(Exception):
 class MissingPluginError(MissingExtraError):
     """A file was made of a spec that uses a plug-in which is not installed."""
 
-    def __init__(self, package: str, version: str, file: str) -> None:
-        what = f"the plug-in {package} {version}".strip()
-        super().__init__(f"{what}, which {file} needs,", f"pip install {package}")
-        self._made_of = (package, version, file)
+    def __init__(self, package: str, version: str, file: str, reason: str = "") -> None:
+        what = f"the plug-in {package} {version}".strip() + f", which {file} needs,"
+        super().__init__(what, f"pip install {package}")
+        if reason:
+            self.diagnostic = plugin_fails(what, package, reason)
+            self.args = (self.diagnostic.message,)
+        self._made_of = (package, version, file, reason)
 
 
 class UnfitCompilerError(MissingExtraError):

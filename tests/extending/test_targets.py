@@ -14,6 +14,7 @@ from msnn.cli.application import run
 from msnn.exports.export import target_names
 from msnn.exports.table import NAMES
 from msnn.features.changes.export_changes import export_changes
+from msnn.reports.compare_specs import compare_specs
 from spec_schema import plugins
 from tests.extending.conftest import Install
 from tests.extending.test_plugins import BUDGET, PLAIN, TARGET, spec_file
@@ -109,6 +110,8 @@ def test_changes_of_a_target_of_a_plugin_are_seen(tmp_path: Path):
     )
     (change,) = export_changes(old, new)
     assert (change.part, change.what) == ("export datasheet", "dtype")
+    # a target that is added changes the workflow and not the model
+    assert compare_specs(load(spec_file(tmp_path, PLAIN)), old).kind == "workflow"
 
 
 @pytest.mark.usefixtures("example")
