@@ -58,15 +58,10 @@ def not_trained(path: str, name: str, begun: str | None = None) -> Diagnostic:
     return error("E1036", None, f"`{name}` has no trained weights: there is no {path}", help=repair)
 
 
-def plugin_fails(what: str, package: str, reason: str) -> Diagnostic:
-    """E1037: an optional part that is not installed or does not work."""
-    repair = f"install a version of {package} that fits this msnn"
-    return error("E1037", None, f"{what} does not work: {reason}", help=repair)
-
-
-def missing_extra(what: str, install: str) -> Diagnostic:
-    """E1037: an optional part that is not installed or does not work."""
-    return error("E1037", None, f"{what} is not installed", help=install)
+def missing_extra(what: str, install: str, reason: str = "") -> Diagnostic:
+    """E1037: an optional part that is not installed or, for a reason, does not work."""
+    state = f"does not work: {reason}" if reason else "is not installed"
+    return error("E1037", None, f"{what} {state}", help=install)
 
 
 def compiler_failed(compiler: str, said: Sequence[str], remedy: str) -> Diagnostic:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from msnn.errors.commands import compiler_failed, missing_extra, not_run_here, plugin_fails
+from msnn.errors.commands import compiler_failed, missing_extra, not_run_here
 from spec_schema.diagnostics.diagnostic import Diagnostic, shown_whole
 
 
@@ -15,10 +15,10 @@ class ReaderGoneError(Exception):
 class MissingExtraError(Exception):
     """Something optional that a command needs is not installed."""
 
-    def __init__(self, what: str, install: str) -> None:
-        self.diagnostic: Diagnostic = missing_extra(what, install)
+    def __init__(self, what: str, install: str, reason: str = "") -> None:
+        self.diagnostic: Diagnostic = missing_extra(what, install, reason)
         super().__init__(self.diagnostic.message)
-        self._made_of: tuple[object, ...] = (what, install)
+        self._made_of: tuple[object, ...] = (what, install, reason)
 
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[object, ...]]:
         """Crosses to another process as its arguments: a pool waits for ever on what cannot."""
@@ -34,10 +34,8 @@ class MissingPluginError(MissingExtraError):
 
     def __init__(self, package: str, version: str, file: str, reason: str = "") -> None:
         what = f"the plug-in {package} {version}".strip() + f", which {file} needs,"
-        super().__init__(what, f"pip install {package}")
-        if reason:
-            self.diagnostic = plugin_fails(what, package, reason)
-            self.args = (self.diagnostic.message,)
+        fits = f"install a version of {package} that fits this msnn"
+        super().__init__(what, fits if reason else f"pip install {package}", reason)
         self._made_of = (package, version, file, reason)
 
 
