@@ -20,6 +20,9 @@ from compiler.layers.rules.arguments import (
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.linking.link import Linked
+from msnn.cli.console import json_result, note, report, result
+from msnn.cli.exit_codes import ExitCode
+from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import float_plan, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.model.model import Model
@@ -45,7 +48,14 @@ from spec_schema.fields.plain import (
     choice,
 )
 from spec_schema.fields.quantities import QuantityField, RangeField, UnitField
-from spec_schema.registry import Feature, FunctionLine, LayerLine, SectionLine, TargetLine
+from spec_schema.registry import (
+    Feature,
+    FunctionLine,
+    LayerLine,
+    SectionLine,
+    TargetLine,
+    VerbLine,
+)
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 from spec_schema.sections.spec import Spec
 
@@ -57,6 +67,7 @@ __all__ = [
     "Diagnostic",
     "EntriesOf",
     "Entry",
+    "ExitCode",
     "ExportPlan",
     "ExpressionField",
     "Feature",
@@ -71,6 +82,7 @@ __all__ = [
     "Linked",
     "Located",
     "ManyOf",
+    "MissingExtraError",
     "Model",
     "NewName",
     "NodeId",
@@ -99,17 +111,22 @@ __all__ = [
     "TargetLine",
     "Text",
     "UnitField",
+    "VerbLine",
     "Weights",
     "Written",
     "choice",
     "error",
     "float_plan",
+    "json_result",
+    "note",
     "read_elements",
     "read_scalars",
     "read_value",
     "read_values",
     "read_window",
     "remark",
+    "report",
+    "result",
     "step_program",
     "warning",
 ]

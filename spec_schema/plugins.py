@@ -6,8 +6,11 @@ only when a name is not ours, once in a process: the look-up takes longer than t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import sys
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import field
 from threading import RLock
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, cast
 
 from spec_schema import registry
@@ -27,6 +30,8 @@ _ALL = "all"
 """The word of `msnn export --to` for every target of msnn."""
 _OF_THE_LANGUAGE = LateObject("compiler.ir.scalars.signatures", "OF_THE_LANGUAGE")
 """Names that a function of a plug-in cannot have; the compiler has them, above this room."""
+_OF_THE_COMMAND_LINE = LateObject("msnn.cli.application", "VERBS")
+"""Names that a verb of a plug-in cannot have."""
 
 SCHEMA_LOCK = RLock()
 """Held while the schema of specs changes, and while a spec is validated by it."""
@@ -50,6 +55,8 @@ class Plugins:
 
     found: tuple[Plugin, ...] = ()
     warnings: tuple[Diagnostic, ...] = ()
+    failed: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Packages whose plug-in is left out, each with the reason."""
 
 
 class _Search:
@@ -92,6 +99,7 @@ def forget() -> None:
             lines.remove(line)
         _SEARCH.added.clear()
         registry.FUNCTIONS.clear()
+        registry.VERBS.clear()
         _SEARCH.plugins = None
 
 
@@ -107,6 +115,7 @@ def _looked_up() -> Plugins:
     points = sorted(entry_points(group=GROUP), key=lambda point: (_package(point), point.name))
     found: list[Plugin] = []
     warnings: list[Diagnostic] = []
+    failed: dict[str, str] = {}
     for point in points:
         package = _package(point)
         try:
@@ -119,6 +128,7 @@ def _looked_up() -> Plugins:
             repair = f"install a version of {package} that fits this msnn, or remove it"
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             warnings.append(left_out(package, f"the plug-in `{point.name}`", reason, repair))
+            failed[package] = reason
             continue
         keys: set[tuple[str, str]] = set()
         for kind, lines, line in _lines(feature):
@@ -135,11 +145,19 @@ def _looked_up() -> Plugins:
                 keys.add(("function", function.key))
             else:
                 warnings.append(_taken(package, "function", function.key))
+        for verb in feature.verbs:
+            taken = verb.key in (*_OF_THE_COMMAND_LINE.value, *registry.VERBS)
+            # as in other commands, words of a name may have a hyphen between them
+            if is_name(verb.key.replace("-", "_")) and not taken:
+                registry.VERBS[verb.key] = verb
+                keys.add(("verb", verb.key))
+            else:
+                warnings.append(_taken(package, "verb", verb.key))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
-    return Plugins(tuple(found), tuple(warnings))
+    return Plugins(tuple(found), tuple(warnings), failed)
 
 
 def _taken(package: str, kind: str, key: str) -> Diagnostic:
@@ -165,6 +183,7 @@ _KINDS = {
     "targets": registry.TargetLine,
     "layers": registry.LayerLine,
     "functions": registry.FunctionLine,
+    "verbs": registry.VerbLine,
 }
 """The class of the lines in each field of a record."""
 
@@ -173,14 +192,14 @@ def _import_all(feature: Feature) -> None:
     """Imports the objects of all lines, so that a failure is reported before a spec is read.
 
     Raises TypeError for a line of another kind, an entry that is no `Entry`, and a target of
-    another name than its line.
+    another name than its line. A verb must be a function or a `typer.Typer`.
     """
-    for field, kind in _KINDS.items():
-        lines: object = getattr(feature, field)
+    for name, kind in _KINDS.items():
+        lines: object = getattr(feature, name)
         if not isinstance(lines, tuple) or not all(
             isinstance(line, kind) for line in cast("tuple[object, ...]", lines)
         ):
-            raise TypeError(f"`{field}` of its record is no tuple of {kind.__name__}")
+            raise TypeError(f"`{name}` of its record is no tuple of {kind.__name__}")
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
     named += [line.expand for line in feature.functions]
@@ -192,3 +211,10 @@ def _import_all(feature: Feature) -> None:
     for line in feature.targets:
         if line.target.value.name != line.key:
             raise TypeError(f"the target of the line `{line.key}` has another name")
+    for line in feature.verbs:
+        command = line.command.value
+        # before typer is imported there is no object of it
+        typer = sys.modules.get("typer")
+        is_app = typer is not None and isinstance(command, typer.Typer)
+        if not isinstance(command, FunctionType) and not is_app:
+            raise TypeError(f"the verb of the line `{line.key}` is no function and no typer.Typer")

@@ -246,6 +246,22 @@ class FunctionLine:
 FUNCTIONS: dict[str, FunctionLine] = {}
 """The functions of plug-ins; those of msnn are builtins of the compiler."""
 
+
+@dataclass(frozen=True)
+class VerbLine:
+    """A command of `msnn` that a plug-in brings."""
+
+    key: str
+    """Its name on the command line."""
+    help: str
+    """Its line in `msnn --help`."""
+    command: LateObject
+    """A function whose parameters typer reads, or a `typer.Typer` with several of them."""
+
+
+VERBS: dict[str, VerbLine] = {}
+"""The verbs of plug-ins; those of msnn are files in `msnn/cli/verbs/`."""
+
 VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
 )
@@ -292,3 +308,5 @@ class Feature:
     """Kinds of layers."""
     functions: tuple[FunctionLine, ...] = ()
     """Functions of expressions."""
+    verbs: tuple[VerbLine, ...] = ()
+    """Verbs of the command line."""

@@ -1,41 +1,44 @@
-"""Defines commands with helpful errors for unexpected arguments."""
+"""Defines a command with helpful errors for unexpected arguments."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from typer import BadParameter
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
-from spec_schema.diagnostics.printable import printable
-
-# typer has it by no name of its own
-_UsageError: Any = BadParameter.__bases__[0]
+from spec_schema.plugins import look_up
+from spec_schema.registry import Feature, TargetLine, VerbLine
 
 
-class VerbGroup(TyperGroup):
-    """Suggests the position of an option that is placed before the command."""
+def plugin_rows(
+    kind: str, lines: Callable[[Feature], Sequence[VerbLine | TargetLine]]
+) -> list[tuple[str, str]]:
+    """Each name that plug-ins bring of a kind, and its help with package and version."""
+    from msnn.cli.console import report
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Like typer, except for an option that may belong to a command."""
-        first, *others = args or [""]
-        own = {option for parameter in self.get_params(ctx) for option in parameter.opts}
-        verb = next((word for word in others if word in self.commands), None)
-        if first.startswith("-") and first not in own and verb and not ctx.resilient_parsing:
-            ctx.fail(f"`{first}` stands before its verb; write `{ctx.command_path} {verb} {first}`")
-        return super().parse_args(ctx, args)
-
-    def invoke(self, ctx: Any) -> Any:
-        """Like typer; quoted parts of the command line are made printable."""
-        try:
-            return super().invoke(ctx)
-        except _UsageError as error:
-            error.message = printable(error.message)
-            raise
+    plugins = look_up()
+    report(plugins.warnings, ())
+    return [
+        (line.key, f"{line.help.rstrip('.')} ({plugin.package} {plugin.version})")
+        for plugin in plugins.found
+        for line in lines(plugin.feature)
+        if (kind, line.key) in plugin.keys
+    ]
 
 
 class VerbCommand(TyperCommand):
     """Rejects extra arguments; data files are passed by an option."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Like typer; the help of `export` also lists the targets of plug-ins."""
+        super().format_options(ctx, formatter)
+        rows = (
+            plugin_rows("target", lambda feature: feature.targets) if self.name == "export" else []
+        )
+        if rows:
+            with formatter.section("Targets of plug-ins"):
+                formatter.write_dl(rows)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Like typer; extra arguments end the command with a suggestion."""

@@ -121,26 +121,36 @@ def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
         _refuse_infinite(plan, own)
     with replacing_files(folder) as temporary:
         files = plan.target.write(plan, own, temporary)
-        files = (*files, *_manifest_with_plugins(plan, files, temporary))
+        files = tuple(dict.fromkeys((*files, *_manifest_with_plugins(plan, files, temporary))))
         spare_foreign_files(folder / path.relative_to(temporary) for path in files)
     # files were written elsewhere and have moved: told by where they are now
     return Written(folder, tuple(folder / path.relative_to(temporary) for path in files))
 
 
 def _manifest_with_plugins(plan: AnyPlan, files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
-    """The manifest of a target of a plug-in, which names the plug-in; none for our own targets."""
-    plugins = plugins_with([("target", plan.target.name)])
-    if not plugins:
+    """The manifest with a comment that names the plug-ins of the spec and of the target.
+
+    A target of a plug-in gets a manifest by this; one of ours has it if it writes one.
+    """
+    of_target = plugins_with([("target", plan.target.name)])
+    used = {UsedPlugin(plugin.package, plugin.version) for plugin in of_target}
+    used |= {*plan.program.plugins}
+    if not used:
         return ()
     from backends.files.atomic_write import write_text
     from backends.files.export_identity import MANIFEST, manifest_text
 
-    used = {UsedPlugin(plugin.package, plugin.version) for plugin in plugins}
-    used |= {*plan.program.plugins}
+    manifest = folder / MANIFEST
+    if of_target:
+        listed = [path for path in files if path != manifest]
+        contents = {path.relative_to(folder).as_posix(): path.read_bytes() for path in listed}
+        text = manifest_text(contents)
+    elif manifest in files:
+        text = manifest.read_text(encoding="utf-8")
+    else:
+        return ()
     named = with_plugins(sorted(used, key=lambda plugin: plugin.package))
-    contents = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
-    text = f"# made by msnn {__version__}{named}\n{manifest_text(contents)}"
-    return (write_text(folder / MANIFEST, text),)
+    return (write_text(manifest, f"# made by msnn {__version__}{named}\n{text}"),)
 
 
 def _refuse_infinite(plan: AnyPlan, weights: Weights) -> None:

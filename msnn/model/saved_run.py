@@ -95,12 +95,10 @@ def is_kept(file: Path) -> bool:
 def kept_spec(run: Path) -> KeptSpec:
     """The model saved in a run, read as untrusted input. Raises SpecError if it is incomplete."""
     record = read_json(run / DESCRIPTION)
-    plugins = record.get("plugins")
-    if isinstance(plugins, dict):
-        from msnn.model.needed_plugins import require_plugins
+    if "plugins" in record:
+        from msnn.model.needed_plugins import recorded_plugins, require_plugins
 
-        versions = cast("dict[str, Any]", plugins).items()
-        require_plugins({name: str(version) for name, version in versions}, str(run / DESCRIPTION))
+        require_plugins(recorded_plugins(record), str(run / DESCRIPTION))
     try:
         text = _text(run / SPEC)
         parts = cast("dict[str, dict[str, str]]", record.get("parts", {}))

@@ -6,6 +6,7 @@ import platform
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler
 from msnn.packages import OPTIONAL, ZIGLANG
@@ -40,6 +41,18 @@ def plugin_parts(plugins: Plugins) -> Iterator[InstalledPart]:
     for plugin in plugins.found:
         brings = ", ".join(f"{kind} {name}" for kind, name in sorted(plugin.keys))
         yield InstalledPart(plugin.package, f"plug-in: {brings or 'nothing'}", plugin.version)
+
+
+def plugin_values(plugins: Plugins) -> list[dict[str, Any]]:
+    """The plug-ins as JSON: package, version, and kind and name of all that each brings."""
+    return [
+        {
+            "package": plugin.package,
+            "version": plugin.version,
+            "brings": [{"kind": kind, "name": name} for kind, name in sorted(plugin.keys)],
+        }
+        for plugin in plugins.found
+    ]
 
 
 def _compiler() -> InstalledPart:

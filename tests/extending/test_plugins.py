@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,12 @@ FEATURE = Feature(name="stranger", targets=(
 ))
 """
 
+VERB = """
+from msnn.extending import Feature, LateObject, VerbLine
+
+FEATURE = Feature(name="a", verbs=(VerbLine("weigh", "", LateObject(__name__, "{command}")),))
+"""
+
 
 def spec_file(folder: Path, text: str) -> Path:
     file = folder / "m.msnn.yaml"
@@ -73,6 +80,8 @@ def test_a_spec_of_our_names_looks_up_nothing(tmp_path: Path):
     file = spec_file(tmp_path, f"{PLAIN}x-note: mine\nexport: {{c: {{}}}}\n")
     assert run(["check", str(file), "--set", "export.c.dtype=float32"]) == 0
     assert run(["show", str(file)]) == 0
+    assert run(["check", "--help"]) == 0
+    assert run(["--version"]) == 0
     out = str(tmp_path / "out")
     assert run(["export", str(file), "--initial", "--to", "c", "--out", out]) == 0
 
@@ -119,11 +128,31 @@ def test_tools_know_the_keys_of_plugins(capsys: pytest.CaptureFixture[str]):
     assert run(["schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
     assert "budget" in schema["properties"]
-    assert run(["doctor"]) == 0
-    assert "msnn-example" in capsys.readouterr().out
     plugins.forget()
     assert run(["schema"]) == 0
     assert "budget" in json.loads(capsys.readouterr().out)["properties"]
+
+
+@pytest.mark.usefixtures("example")
+def test_doctor_lists_all_that_plugins_bring(capsys: pytest.CaptureFixture[str]):
+    brings = {
+        "function": "lerp",
+        "layer": "dead_zone",
+        "section": "budget",
+        "target": "datasheet",
+        "verb": "operations",
+    }
+    assert run(["doctor"]) == 0
+    listed = ", ".join(f"{kind} {name}" for kind, name in brings.items())
+    assert re.search(f"^msnn-example +0.1.0 +plug-in: {listed}$", capsys.readouterr().out, re.M)
+    assert run(["doctor", "--format", "json"]) == 0
+    assert json.loads(capsys.readouterr().out)["plugins"] == [
+        {
+            "package": "msnn-example",
+            "version": "0.1.0",
+            "brings": [{"kind": kind, "name": name} for kind, name in brings.items()],
+        }
+    ]
 
 
 def test_a_plugin_that_is_gone_leaves_no_key(
@@ -175,6 +204,10 @@ def test_a_name_that_is_taken_is_left_out_with_a_warning(
             "`broken:SECTION` is no class with the base Entry",
         ),
         (TARGET.format(key="fine", name="other"), "the target of the line `fine` has another name"),
+        (
+            VERB.format(command="VerbLine"),
+            "the verb of the line `weigh` is no function and no typer.Typer",
+        ),
     ],
 )
 def test_a_plugin_that_fails_is_named_and_left_out(

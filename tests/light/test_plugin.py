@@ -56,6 +56,7 @@ def test_the_example_works_where_pip_installed_it(environment: Path, tmp_path: P
     sheet = (tmp_path / "out" / "datasheet" / "m.md").read_text()
     assert "with msnn-example 0.1.0" in sheet
     assert "msnn-example" in _run(msnn, "doctor", cwd=tmp_path)
+    assert "Multiply         1" in _run(msnn, "operations", "m.msnn.yaml", cwd=tmp_path)
 
 
 def _run(*command: str, cwd: Path | None = None) -> str:

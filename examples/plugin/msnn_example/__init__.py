@@ -9,6 +9,7 @@ from msnn.extending import (
     SectionLine,
     Signature,
     TargetLine,
+    VerbLine,
 )
 
 FEATURE = Feature(
@@ -44,6 +45,13 @@ FEATURE = Feature(
             LateEntry("msnn_example.dead_zone", "DeadZone"),
             LateObject("msnn_example.dead_zone", "DEAD_ZONE"),
             "0 within a learned width around 0, and linear outside.",
+        ),
+    ),
+    verbs=(
+        VerbLine(
+            "operations",
+            "Count the operations of a step by kind.",
+            LateObject("msnn_example.operations", "operations"),
         ),
     ),
 )

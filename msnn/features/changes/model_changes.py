@@ -12,6 +12,8 @@ from msnn.features.changes.export_changes import export_changes
 from msnn.features.changes.interface_changes import InterfaceChange, interface_changes
 from msnn.features.changes.metric_changes import MetricChange, metric_changes
 from msnn.model.model import Model
+from msnn.model.needed_plugins import recorded_plugins
+from msnn.model.saved_run import DESCRIPTION, read_json
 from msnn.reports.compare_specs import SpecDifference, compare_specs
 from msnn.validation.validate import ValidationReport
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -27,6 +29,15 @@ class LearnedNumber:
     unit: str
     old: float
     new: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PluginChange:
+    """A plug-in whose version differs; None for a model that does not use it."""
+
+    package: str
+    old: str | None
+    new: str | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +57,7 @@ class ModelChanges:
     interface: tuple[InterfaceChange, ...]
     metrics: tuple[MetricChange, ...] = ()
     learned: tuple[LearnedNumber, ...] = ()
+    plugins: tuple[PluginChange, ...] = ()
     warnings: tuple[Diagnostic, ...] = ()
 
     @property
@@ -79,7 +91,23 @@ def model_changes(
         interface=(*interface_changes(old.program, new.program), *export_changes(old, new)),
         metrics=metrics,
         learned=learned,
+        plugins=_plugin_changes(_plugins_of(old), _plugins_of(new)),
         warnings=warnings,
+    )
+
+
+def _plugins_of(model: Model) -> dict[str, str]:
+    """The plug-ins of a model with their versions: of a run those that it was trained with."""
+    if model.run is not None:
+        return recorded_plugins(read_json(model.run / DESCRIPTION))
+    return {plugin.package: plugin.version for plugin in model.program.plugins}
+
+
+def _plugin_changes(old: Mapping[str, str], new: Mapping[str, str]) -> tuple[PluginChange, ...]:
+    return tuple(
+        PluginChange(package=package, old=old.get(package), new=new.get(package))
+        for package in sorted({*old, *new})
+        if old.get(package) != new.get(package)
     )
 
 

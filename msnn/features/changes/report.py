@@ -51,6 +51,7 @@ def changes_record(found: ModelChanges, margin: float) -> dict[str, Any]:
             {**_without_span(asdict(change)), "worse": change in worse} for change in found.metrics
         ],
         "learned": [asdict(each) for each in found.learned],
+        "plugins": [asdict(each) for each in found.plugins],
     }
 
 
@@ -130,6 +131,9 @@ def _tables(found: ModelChanges, margin: float) -> Iterator[Table]:
     if found.learned:
         rows = [(p.name, p.unit, _number(p.old), _number(p.new)) for p in found.learned]
         yield Table(("parameter", "unit", "old", "new"), rows, (2, 3))
+    if found.plugins:
+        rows = [(each.package, each.old or "", each.new or "") for each in found.plugins]
+        yield Table(("plug-in", "old", "new"), rows)
 
 
 def _grown(row: MetricChange) -> str:
