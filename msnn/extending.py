@@ -20,6 +20,7 @@ from compiler.layers.rules.arguments import (
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.linking.link import Linked
+from msnn.data.formats.plugin_file import DataColumns
 from msnn.exports.prepare import float_plan, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.model.model import Model
@@ -45,7 +46,14 @@ from spec_schema.fields.plain import (
     choice,
 )
 from spec_schema.fields.quantities import QuantityField, RangeField, UnitField
-from spec_schema.registry import Feature, FunctionLine, LayerLine, SectionLine, TargetLine
+from spec_schema.registry import (
+    Feature,
+    FormatLine,
+    FunctionLine,
+    LayerLine,
+    SectionLine,
+    TargetLine,
+)
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 from spec_schema.sections.spec import Spec
 
@@ -54,6 +62,7 @@ __all__ = [
     "Axis",
     "CompileOther",
     "CompiledSection",
+    "DataColumns",
     "Diagnostic",
     "EntriesOf",
     "Entry",
@@ -61,6 +70,7 @@ __all__ = [
     "ExpressionField",
     "Feature",
     "FloatTargetEntry",
+    "FormatLine",
     "FunctionLine",
     "GraphBuilder",
     "LateEntry",

@@ -6,6 +6,7 @@ only when a name is not ours, once in a process: the look-up takes longer than t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator
 from threading import RLock
 from typing import TYPE_CHECKING, Any, cast
@@ -27,6 +28,9 @@ _ALL = "all"
 """The word of `msnn export --to` for every target of msnn."""
 _OF_THE_LANGUAGE = LateObject("compiler.ir.scalars.signatures", "OF_THE_LANGUAGE")
 """Names that a function of a plug-in cannot have; the compiler has them, above this room."""
+_OF_FILES = LateObject("msnn.data.formats.table_of_formats", "SUFFIXES")
+"""Suffixes that a format of a plug-in cannot have."""
+_SUFFIX = re.compile(r"\.[a-z0-9_-]+")
 
 SCHEMA_LOCK = RLock()
 """Held while the schema of specs changes, and while a spec is validated by it."""
@@ -92,6 +96,7 @@ def forget() -> None:
             lines.remove(line)
         _SEARCH.added.clear()
         registry.FUNCTIONS.clear()
+        registry.FORMATS.clear()
         _SEARCH.plugins = None
 
 
@@ -135,6 +140,14 @@ def _looked_up() -> Plugins:
                 keys.add(("function", function.key))
             else:
                 warnings.append(_taken(package, "function", function.key))
+        for format in feature.formats:
+            for suffix in format.suffixes:
+                taken = suffix in (*_OF_FILES.value, *registry.FORMATS)
+                if _SUFFIX.fullmatch(suffix) and not taken:
+                    registry.FORMATS[suffix] = format
+                    keys.add(("format", suffix))
+                else:
+                    warnings.append(_taken(package, "format", suffix))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
@@ -165,6 +178,7 @@ _KINDS = {
     "targets": registry.TargetLine,
     "layers": registry.LayerLine,
     "functions": registry.FunctionLine,
+    "formats": registry.FormatLine,
 }
 """The class of the lines in each field of a record."""
 
@@ -184,6 +198,7 @@ def _import_all(feature: Feature) -> None:
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
     named += [line.expand for line in feature.functions]
+    named += [line.read for line in feature.formats]
     named += [each for line in feature.layers for each in (line.entry, line.rule)]
     for each in named:
         is_entry = isinstance(each.value, type) and issubclass(each.value, Entry)

@@ -246,6 +246,28 @@ class FunctionLine:
 FUNCTIONS: dict[str, FunctionLine] = {}
 """The functions of plug-ins; those of msnn are builtins of the compiler."""
 
+
+@dataclass(frozen=True, kw_only=True)
+class FormatLine:
+    """A format of data files that a plug-in brings."""
+
+    name: str
+    """Its name in messages."""
+    suffixes: tuple[str, ...]
+    """The ends of its files' names, with the dot and in lower case."""
+    read: LateObject
+    """The function `(path, its name in messages) -> msnn.extending.DataColumns`."""
+    is_text: bool = False
+    """True if a message may show a line of the file."""
+    is_isolated: bool = False
+    """True if a separate process reads it, because a malformed file may crash its compiled
+    reader.
+    """
+
+
+FORMATS: dict[str, FormatLine] = {}
+"""The formats of plug-ins by suffix; those of msnn are in `msnn.data.formats`."""
+
 VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
 )
@@ -292,3 +314,5 @@ class Feature:
     """Kinds of layers."""
     functions: tuple[FunctionLine, ...] = ()
     """Functions of expressions."""
+    formats: tuple[FormatLine, ...] = ()
+    """Formats of data files."""

@@ -2,6 +2,7 @@
 
 from msnn.extending import (
     Feature,
+    FormatLine,
     FunctionLine,
     LateEntry,
     LateObject,
@@ -44,6 +45,14 @@ FEATURE = Feature(
             LateEntry("msnn_example.dead_zone", "DeadZone"),
             LateObject("msnn_example.dead_zone", "DEAD_ZONE"),
             "0 within a learned width around 0, and linear outside.",
+        ),
+    ),
+    formats=(
+        FormatLine(
+            name="JSON lines",
+            suffixes=(".jsonl", ".ndjson"),
+            read=LateObject("msnn_example.json_lines", "read"),
+            is_text=True,
         ),
     ),
 )
