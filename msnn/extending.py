@@ -22,6 +22,7 @@ from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.linking.link import Linked
 from msnn.cli.console import json_result, note, report, result
 from msnn.cli.exit_codes import ExitCode
+from msnn.data.formats.plugin_file import DataColumns
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import float_plan, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
@@ -50,6 +51,7 @@ from spec_schema.fields.plain import (
 from spec_schema.fields.quantities import QuantityField, RangeField, UnitField
 from spec_schema.registry import (
     Feature,
+    FormatLine,
     FunctionLine,
     LayerLine,
     SectionLine,
@@ -64,6 +66,7 @@ __all__ = [
     "Axis",
     "CompileOther",
     "CompiledSection",
+    "DataColumns",
     "Diagnostic",
     "EntriesOf",
     "Entry",
@@ -72,6 +75,7 @@ __all__ = [
     "ExpressionField",
     "Feature",
     "FloatTargetEntry",
+    "FormatLine",
     "FunctionLine",
     "GraphBuilder",
     "LateEntry",

@@ -6,6 +6,7 @@ only when a name is not ours, once in a process: the look-up takes longer than t
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import field
@@ -32,6 +33,9 @@ _OF_THE_LANGUAGE = LateObject("compiler.ir.scalars.signatures", "OF_THE_LANGUAGE
 """Names that a function of a plug-in cannot have; the compiler has them, above this room."""
 _OF_THE_COMMAND_LINE = LateObject("msnn.cli.application", "VERBS")
 """Names that a verb of a plug-in cannot have."""
+_OF_FILES = LateObject("msnn.data.formats.table_of_formats", "SUFFIXES")
+"""Suffixes that a format of a plug-in cannot have."""
+_SUFFIX = re.compile(r"\.[a-z0-9_-]+")
 
 SCHEMA_LOCK = RLock()
 """Held while the schema of specs changes, and while a spec is validated by it."""
@@ -100,6 +104,7 @@ def forget() -> None:
         _SEARCH.added.clear()
         registry.FUNCTIONS.clear()
         registry.VERBS.clear()
+        registry.FORMATS.clear()
         _SEARCH.plugins = None
 
 
@@ -153,6 +158,14 @@ def _looked_up() -> Plugins:
                 keys.add(("verb", verb.key))
             else:
                 warnings.append(_taken(package, "verb", verb.key))
+        for format in feature.formats:
+            for suffix in format.suffixes:
+                taken = suffix in (*_OF_FILES.value, *registry.FORMATS)
+                if _SUFFIX.fullmatch(suffix) and not taken:
+                    registry.FORMATS[suffix] = format
+                    keys.add(("format", suffix))
+                else:
+                    warnings.append(_taken(package, "format", suffix))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
@@ -184,6 +197,7 @@ _KINDS = {
     "layers": registry.LayerLine,
     "functions": registry.FunctionLine,
     "verbs": registry.VerbLine,
+    "formats": registry.FormatLine,
 }
 """The class of the lines in each field of a record."""
 
@@ -203,6 +217,7 @@ def _import_all(feature: Feature) -> None:
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
     named += [line.expand for line in feature.functions]
+    named += [line.read for line in feature.formats]
     named += [each for line in feature.layers for each in (line.entry, line.rule)]
     for each in named:
         is_entry = isinstance(each.value, type) and issubclass(each.value, Entry)

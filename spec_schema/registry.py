@@ -262,6 +262,28 @@ class VerbLine:
 VERBS: dict[str, VerbLine] = {}
 """The verbs of plug-ins; those of msnn are files in `msnn/cli/verbs/`."""
 
+
+@dataclass(frozen=True, kw_only=True)
+class FormatLine:
+    """A format of data files that a plug-in brings."""
+
+    name: str
+    """Its name in messages."""
+    suffixes: tuple[str, ...]
+    """The ends of its files' names, with the dot and in lower case."""
+    read: LateObject
+    """The function `(path, its name in messages) -> msnn.extending.DataColumns`."""
+    is_text: bool = False
+    """True if a message may show a line of the file."""
+    is_isolated: bool = False
+    """True if a separate process reads it, because a malformed file may crash its compiled
+    reader.
+    """
+
+
+FORMATS: dict[str, FormatLine] = {}
+"""The formats of plug-ins by suffix; those of msnn are in `msnn.data.formats`."""
+
 VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
 )
@@ -310,3 +332,5 @@ class Feature:
     """Functions of expressions."""
     verbs: tuple[VerbLine, ...] = ()
     """Verbs of the command line."""
+    formats: tuple[FormatLine, ...] = ()
+    """Formats of data files."""

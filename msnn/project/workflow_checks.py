@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from msnn.data.formats.table_of_formats import format_of
+from msnn.data.formats.table_of_formats import format_of, warnings_of_plugins
 from msnn.data.reading.file_sets import file_sections
 from msnn.errors import workflow as errors
 from msnn.errors.data import formats as data_formats
@@ -103,6 +103,7 @@ def _readers(data: Data, findings: Findings) -> None:
     for source in data.source.values():
         for pattern in source.files:
             kind = format_of(pattern.value)
+            findings.report(*warnings_of_plugins(pattern.value))
             if kind.missing:
                 names = " and ".join(package.name for package in kind.missing)
                 what, install = f"{kind.name} files need {names}", kind.missing[0].install

@@ -135,22 +135,24 @@ def test_tools_know_the_keys_of_plugins(capsys: pytest.CaptureFixture[str]):
 
 @pytest.mark.usefixtures("example")
 def test_doctor_lists_all_that_plugins_bring(capsys: pytest.CaptureFixture[str]):
-    brings = {
-        "function": "lerp",
-        "layer": "dead_zone",
-        "section": "budget",
-        "target": "datasheet",
-        "verb": "operations",
-    }
+    brings = [
+        ("format", ".jsonl"),
+        ("format", ".ndjson"),
+        ("function", "lerp"),
+        ("layer", "dead_zone"),
+        ("section", "budget"),
+        ("target", "datasheet"),
+        ("verb", "operations"),
+    ]
     assert run(["doctor"]) == 0
-    listed = ", ".join(f"{kind} {name}" for kind, name in brings.items())
+    listed = ", ".join(f"{kind} {name}" for kind, name in brings)
     assert re.search(f"^msnn-example +0.1.0 +plug-in: {listed}$", capsys.readouterr().out, re.M)
     assert run(["doctor", "--format", "json"]) == 0
     assert json.loads(capsys.readouterr().out)["plugins"] == [
         {
             "package": "msnn-example",
             "version": "0.1.0",
-            "brings": [{"kind": kind, "name": name} for kind, name in brings.items()],
+            "brings": [{"kind": kind, "name": name} for kind, name in brings],
         }
     ]
 

@@ -2,6 +2,7 @@
 
 from msnn.extending import (
     Feature,
+    FormatLine,
     FunctionLine,
     LateEntry,
     LateObject,
@@ -52,6 +53,14 @@ FEATURE = Feature(
             "operations",
             "Count the operations of a step by kind.",
             LateObject("msnn_example.operations", "operations"),
+        ),
+    ),
+    formats=(
+        FormatLine(
+            name="JSON lines",
+            suffixes=(".jsonl", ".ndjson"),
+            read=LateObject("msnn_example.json_lines", "read"),
+            is_text=True,
         ),
     ),
 )

@@ -52,6 +52,11 @@ class DataFile:
         return self.arrays is None and self.format.is_text
 
     @property
+    def has_lines(self) -> bool:
+        """True if a message may show a line of the file."""
+        return self.arrays is None and self.format.has_lines
+
+    @property
     def keeps_time(self) -> bool:
         """True if the file itself stores the time of each value."""
         return self.arrays is None and self.format.keeps_time
@@ -148,8 +153,14 @@ def matching(folder: Path, pattern: str) -> list[Path]:
     """The files that match a name, a pattern or a folder."""
     plain = folder / pattern
     if plain.is_dir():
-        direct = sorted(p for p in plain.iterdir() if p.suffix.lower() in SUFFIXES and _is_data(p))
-        return direct or sorted(filter(_is_data, plain.rglob("*.parquet")))
+        direct = sorted(filter(_is_data, plain.iterdir()))
+        ours = [path for path in direct if path.suffix.lower() in SUFFIXES]
+        # formats of plug-ins last: a folder that msnn reads has the same files with every plug-in
+        return (
+            ours
+            or sorted(filter(_is_data, plain.rglob("*.parquet")))
+            or [path for path in direct if format_of(path).plugin is not None]
+        )
     if plain.is_file():
         return [plain]
     # the folders before the first wildcard are taken as they are: they may be absolute, glob() may

@@ -11,7 +11,7 @@ import numpy as np
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import BoolArray, Dataset, FileRows, FloatArray, Record
 from msnn.data.formats.table import ColumnKey, ColumnTable
-from msnn.data.formats.table_of_formats import require_reader
+from msnn.data.formats.table_of_formats import require_reader, warnings_of_plugins
 from msnn.data.reading.disk_series import DiskSeries
 from msnn.data.reading.files import DataFile, find_files
 from msnn.data.reading.part import FilePart, KeptValues, part_of
@@ -56,6 +56,7 @@ def load_data(
     for file in files:
         # check all formats before reading the first file: a missing package is reported immediately
         require_reader(file.path)
+        findings.report(*warnings_of_plugins(file.path))
     findings.report(*unused_keys(data, files, program.sample_time))
     return joined_files(program, data, files, filters or {}, findings, whole, as_recorded)
 
@@ -135,7 +136,7 @@ def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[Sour
     return [
         SourceText(file.shown, file.path.read_text("utf-8-sig", errors="replace"))
         for file in files
-        if file.shown in faulty and file.is_text and file.path.stat().st_size <= _LARGEST_SHOWN
+        if file.shown in faulty and file.has_lines and file.path.stat().st_size <= _LARGEST_SHOWN
     ]
 
 

@@ -220,7 +220,7 @@ def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:
 
 def _with_name(fault: Diagnostic, file: DataFile) -> Diagnostic:
     """The diagnostic; if the file's format differs from its suffix, with the correct name."""
-    is_unread = fault.code == "E0802" and fault.help is None and not file.is_text
+    is_unread = fault.code == "E0802" and fault.help is None and not file.has_lines
     return (
         replace(fault, help=other_name(file.path)) if is_unread and file.arrays is None else fault
     )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.table_of_formats import format_of
+from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import (
     MixedUnits,
     TwoUnits,
@@ -29,6 +31,9 @@ from spec_schema.expressions.moments import read_moment
 from spec_schema.names import is_name, normalised, why_reserved
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import ONE, Unit
+
+if TYPE_CHECKING:
+    from msnn.data.formats.table_of_formats import Reader
 
 _LONGEST_NAME = 40
 _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
@@ -112,6 +117,9 @@ class FoundTable:
 
 def columns_of(path: Path) -> FoundTable:
     """All numeric columns; SpecError if there are none, or for a non-numeric cell in one."""
+    format = format_of(path)
+    if format.plugin is not None:
+        return _columns_of_plugin(path, replace(format, plugin=format.plugin.of_all()).reader)
     layout = layout_of(path)
     decimal = layout.dialect.decimal
     numbers = [
@@ -132,6 +140,30 @@ def columns_of(path: Path) -> FoundTable:
     )
     table = format_of(path).reader(path, path.name, wanted, layout.dialect)
     assert isinstance(table, ColumnTable), "tables of text and workbooks have one time"
+    return _found(layout, table, numbers, dates)
+
+
+def _columns_of_plugin(path: Path, reader: Reader) -> FoundTable:
+    """The columns of a plug-in's format, which needs no layout."""
+    named = reader(path, path.name, WantedColumns({}), Dialect())
+    assert isinstance(named, ColumnTable), "formats of plug-ins have columns of one length"
+    labels = tuple(map(str, named.columns))
+    table = ColumnTable(
+        columns=dict(enumerate(named.columns.values())),
+        units={labels.index(str(key)): unit for key, unit in named.units.items()},
+    )
+    dates = [index for index, label in enumerate(labels) if label in named.begins]
+    numbers = [index for index in range(len(labels)) if index not in dates]
+    if not numbers:
+        raise SpecError([no_table(path.name)])
+    none = ("",) * len(labels)
+    layout = TextLayout(dialect=Dialect(), labels=labels, units=none, named=True, sample=())
+    return _found(layout, table, numbers, dates[0] if dates else None)
+
+
+def _found(
+    layout: TextLayout, table: ColumnTable, numbers: list[int], dates: int | None
+) -> FoundTable:
     names = dict(zip(numbers, _names(layout, numbers), strict=True))
 
     def column(index: int, unit: Unit | CapitalUnit | TwoUnits | MixedUnits | None) -> FoundColumn:
