@@ -7,13 +7,14 @@ only when a name is not ours, once in a process: the look-up takes longer than t
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from threading import RLock
 from typing import TYPE_CHECKING, Any, cast
 
 from spec_schema import registry
-from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.errors.plugins import left_out
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors.plugins import faulty_plugin, left_out, what_was_raised
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.late_entry import LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
@@ -103,6 +104,73 @@ def forget() -> None:
 def plugins_with(names: Collection[tuple[str, str]]) -> tuple[Plugin, ...]:
     """The plug-ins that bring one of these: a kind such as `section`, and a name."""
     return tuple(plugin for plugin in known_plugins() if not plugin.keys.isdisjoint(names))
+
+
+def no_place(*arguments: object) -> Span | None:
+    """No place in the spec."""
+    del arguments
+
+
+def no_fault(value: object, *arguments: object) -> str | None:
+    """Accepts every value that a function of a plug-in returns."""
+    del value, arguments
+
+
+@dataclass(frozen=True)
+class PluginPart:
+    """One name that a plug-in brings, to report mistakes of its functions as the plug-in's."""
+
+    kind: str
+    key: str
+    module: str
+    passing: tuple[type[Exception], ...] = ()
+    """Exceptions by which its functions report mistakes of the user, besides SpecError."""
+
+    def fault(self, reason: str, place: Span | None = None) -> SpecError:
+        """The error E0230 for a mistake of the plug-in."""
+        part = f"the {self.kind} `{self.key}`"
+        plugin = next(iter(plugins_with([(self.kind, self.key)])), None)
+        package = self.module if plugin is None else f"{plugin.package} {plugin.version}"
+        return SpecError([faulty_plugin(package, part, reason, place)])
+
+    def guarded(
+        self,
+        function: Callable[..., Any],
+        fault: Callable[..., str | None] = no_fault,
+        place: Callable[..., Span | None] = no_place,
+    ) -> Callable[..., Any]:
+        """The function, with SpecError for other exceptions and for values that have a `fault`.
+
+        `fault` is asked with the value and the arguments, `place` with the arguments.
+        """
+
+        def call(*arguments: Any) -> Any:
+            try:
+                value = function(*arguments)
+                reason = fault(value, *arguments)
+            except (SpecError, MemoryError, *self.passing):
+                raise
+            # a plug-in may fail in any way
+            except (Exception, SystemExit) as error:
+                reason = what_was_raised(error, self.module)
+                raise self.fault(reason, place(*arguments)) from error
+            if reason is not None:
+                raise self.fault(reason, place(*arguments))
+            return value
+
+        return call
+
+
+def is_a(kind: type) -> Callable[..., str | None]:
+    """Finds a fault in values of another class."""
+
+    def fault(value: object, *arguments: object) -> str | None:
+        del arguments
+        if isinstance(value, kind):
+            return None
+        return f"returned a {type(value).__name__}, not a {kind.__name__}"
+
+    return fault
 
 
 def _looked_up() -> Plugins:

@@ -106,4 +106,4 @@ FEATURE = Feature(name="stranger", layers=(
         True
     ]
     (line,) = found.found[0].feature.layers[:1]
-    assert layers.rule_of(line.entry.kind) is line.rule.value
+    assert layers.rule_of(line.entry.kind).settings is line.entry.kind
