@@ -195,27 +195,34 @@ def _looked_up() -> Plugins:
             continue
         keys: set[tuple[str, str]] = set()
         for kind, lines, line in _lines(feature):
-            if is_name(line.key) and line.key != _ALL and lines.is_free(line.key):
+            reason = _why_not(kind, line.key, package, keys, found)
+            if reason is None and not lines.is_free(line.key):
+                reason = f"msnn has a {kind} or a word of its own with this name"
+            if reason is None:
                 lines.add(line)
                 _SEARCH.added.append((lines, line))
                 keys.add((kind, line.key))
             else:
-                warnings.append(_taken(package, kind, line.key))
+                warnings.append(_without(package, kind, line.key, reason))
         for function in feature.functions:
-            taken = function.key in (*_OF_THE_LANGUAGE.value, *registry.FUNCTIONS)
-            if is_name(function.key) and not taken:
+            reason = _why_not("function", function.key, package, keys, found)
+            if reason is None and function.key in _OF_THE_LANGUAGE.value:
+                reason = "msnn has a function of this name"
+            if reason is None:
                 registry.FUNCTIONS[function.key] = function
                 keys.add(("function", function.key))
             else:
-                warnings.append(_taken(package, "function", function.key))
+                warnings.append(_without(package, "function", function.key, reason))
         for format in feature.formats:
             for suffix in format.suffixes:
-                taken = suffix in (*_OF_FILES.value, *registry.FORMATS)
-                if _SUFFIX.fullmatch(suffix) and not taken:
+                reason = _why_not("format", suffix, package, keys, found)
+                if reason is None and suffix in _OF_FILES.value:
+                    reason = "msnn reads files of this suffix"
+                if reason is None:
                     registry.FORMATS[suffix] = format
                     keys.add(("format", suffix))
                 else:
-                    warnings.append(_taken(package, "format", suffix))
+                    warnings.append(_without(package, "format", suffix, reason))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
@@ -223,8 +230,23 @@ def _looked_up() -> Plugins:
     return Plugins(tuple(found), tuple(warnings))
 
 
-def _taken(package: str, kind: str, key: str) -> Diagnostic:
-    reason = "msnn or another plug-in has this name, or it is no name"
+def _why_not(
+    kind: str, key: str, package: str, keys: Collection[tuple[str, str]], found: Collection[Plugin]
+) -> str | None:
+    """The reason why a plug-in cannot have a name; None unless it is no name or of a plug-in."""
+    if kind == "format" and not _SUFFIX.fullmatch(key):
+        return "it is no suffix, which is a dot with lower-case letters and digits"
+    if kind != "format" and not is_name(key):
+        return "it is no name, which has letters, digits and `_`"
+    if kind == "target" and key == _ALL:
+        return "`all` means every target of msnn"
+    owners = [plugin.package for plugin in found if (kind, key) in plugin.keys]
+    if package in owners or (kind, key) in keys:
+        return "the package brings it twice"
+    return f"the package {owners[0]} has this {kind} already" if owners else None
+
+
+def _without(package: str, kind: str, key: str, reason: str) -> Diagnostic:
     return left_out(package, f"the {kind} `{key}`", reason, f"rename the {kind} in {package}")
 
 
@@ -272,6 +294,9 @@ def _import_all(feature: Feature) -> None:
         is_entry = isinstance(each.value, type) and issubclass(each.value, Entry)
         if isinstance(each, LateEntry) and not is_entry:
             raise TypeError(f"`{each.module}:{each.name}` is no class with the base Entry")
+        if isinstance(each, LateEntry):
+            # a field whose type is no field type fails here, not at the first spec that has it
+            each.kind.model_rebuild(force=True)
     for line in feature.targets:
         if line.target.value.name != line.key:
             raise TypeError(f"the target of the line `{line.key}` has another name")
