@@ -56,6 +56,8 @@ from spec_schema.registry import (
 )
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 from spec_schema.sections.spec import Spec
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import Unit
 
 __all__ = [
     "Arguments",
@@ -108,12 +110,14 @@ __all__ = [
     "TargetEntry",
     "TargetLine",
     "Text",
+    "Unit",
     "UnitField",
     "Weights",
     "Written",
     "choice",
     "error",
     "float_plan",
+    "parse_unit",
     "read_elements",
     "read_scalars",
     "read_value",
