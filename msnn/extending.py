@@ -60,6 +60,8 @@ from spec_schema.registry import (
 )
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 from spec_schema.sections.spec import Spec
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import Unit
 
 __all__ = [
     "Arguments",
@@ -114,6 +116,7 @@ __all__ = [
     "TargetEntry",
     "TargetLine",
     "Text",
+    "Unit",
     "UnitField",
     "VerbLine",
     "Weights",
@@ -123,6 +126,7 @@ __all__ = [
     "float_plan",
     "json_result",
     "note",
+    "parse_unit",
     "read_elements",
     "read_scalars",
     "read_value",

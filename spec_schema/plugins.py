@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import field
 from threading import RLock
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, cast
 
 from spec_schema import registry
-from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.errors.plugins import left_out
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors.plugins import faulty_plugin, left_out, what_was_raised
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.late_entry import LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
@@ -113,6 +114,73 @@ def plugins_with(names: Collection[tuple[str, str]]) -> tuple[Plugin, ...]:
     return tuple(plugin for plugin in known_plugins() if not plugin.keys.isdisjoint(names))
 
 
+def no_place(*arguments: object) -> Span | None:
+    """No place in the spec."""
+    del arguments
+
+
+def no_fault(value: object, *arguments: object) -> str | None:
+    """Accepts every value that a function of a plug-in returns."""
+    del value, arguments
+
+
+@dataclass(frozen=True)
+class PluginPart:
+    """One name that a plug-in brings, to report mistakes of its functions as the plug-in's."""
+
+    kind: str
+    key: str
+    module: str
+    passing: tuple[type[Exception], ...] = ()
+    """Exceptions by which its functions report mistakes of the user, besides SpecError."""
+
+    def fault(self, reason: str, place: Span | None = None) -> SpecError:
+        """The error E0230 for a mistake of the plug-in."""
+        part = f"the {self.kind} `{self.key}`"
+        plugin = next(iter(plugins_with([(self.kind, self.key)])), None)
+        package = self.module if plugin is None else f"{plugin.package} {plugin.version}"
+        return SpecError([faulty_plugin(package, part, reason, place)])
+
+    def guarded(
+        self,
+        function: Callable[..., Any],
+        fault: Callable[..., str | None] = no_fault,
+        place: Callable[..., Span | None] = no_place,
+    ) -> Callable[..., Any]:
+        """The function, with SpecError for other exceptions and for values that have a `fault`.
+
+        `fault` is asked with the value and the arguments, `place` with the arguments.
+        """
+
+        def call(*arguments: Any) -> Any:
+            try:
+                value = function(*arguments)
+                reason = fault(value, *arguments)
+            except (SpecError, MemoryError, *self.passing):
+                raise
+            # a plug-in may fail in any way
+            except (Exception, SystemExit) as error:
+                reason = what_was_raised(error, self.module)
+                raise self.fault(reason, place(*arguments)) from error
+            if reason is not None:
+                raise self.fault(reason, place(*arguments))
+            return value
+
+        return call
+
+
+def is_a(kind: type) -> Callable[..., str | None]:
+    """Finds a fault in values of another class."""
+
+    def fault(value: object, *arguments: object) -> str | None:
+        del arguments
+        if isinstance(value, kind):
+            return None
+        return f"returned a {type(value).__name__}, not a {kind.__name__}"
+
+    return fault
+
+
 def _looked_up() -> Plugins:
     from importlib.metadata import entry_points
 
@@ -137,35 +205,43 @@ def _looked_up() -> Plugins:
             continue
         keys: set[tuple[str, str]] = set()
         for kind, lines, line in _lines(feature):
-            if is_name(line.key) and line.key != _ALL and lines.is_free(line.key):
+            reason = _why_not(kind, line.key, package, keys, found)
+            if reason is None and not lines.is_free(line.key):
+                reason = f"msnn has a {kind} or a word of its own with this name"
+            if reason is None:
                 lines.add(line)
                 _SEARCH.added.append((lines, line))
                 keys.add((kind, line.key))
             else:
-                warnings.append(_taken(package, kind, line.key))
+                warnings.append(_without(package, kind, line.key, reason))
         for function in feature.functions:
-            taken = function.key in (*_OF_THE_LANGUAGE.value, *registry.FUNCTIONS)
-            if is_name(function.key) and not taken:
+            reason = _why_not("function", function.key, package, keys, found)
+            if reason is None and function.key in _OF_THE_LANGUAGE.value:
+                reason = "msnn has a function of this name"
+            if reason is None:
                 registry.FUNCTIONS[function.key] = function
                 keys.add(("function", function.key))
             else:
-                warnings.append(_taken(package, "function", function.key))
+                warnings.append(_without(package, "function", function.key, reason))
         for verb in feature.verbs:
-            taken = verb.key in (*_OF_THE_COMMAND_LINE.value, *registry.VERBS)
-            # as in other commands, words of a name may have a hyphen between them
-            if is_name(verb.key.replace("-", "_")) and not taken:
+            reason = _why_not("verb", verb.key, package, keys, found)
+            if reason is None and verb.key in _OF_THE_COMMAND_LINE.value:
+                reason = "msnn has a verb of this name"
+            if reason is None:
                 registry.VERBS[verb.key] = verb
                 keys.add(("verb", verb.key))
             else:
-                warnings.append(_taken(package, "verb", verb.key))
+                warnings.append(_without(package, "verb", verb.key, reason))
         for format in feature.formats:
             for suffix in format.suffixes:
-                taken = suffix in (*_OF_FILES.value, *registry.FORMATS)
-                if _SUFFIX.fullmatch(suffix) and not taken:
+                reason = _why_not("format", suffix, package, keys, found)
+                if reason is None and suffix in _OF_FILES.value:
+                    reason = "msnn reads files of this suffix"
+                if reason is None:
                     registry.FORMATS[suffix] = format
                     keys.add(("format", suffix))
                 else:
-                    warnings.append(_taken(package, "format", suffix))
+                    warnings.append(_without(package, "format", suffix, reason))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
@@ -173,8 +249,24 @@ def _looked_up() -> Plugins:
     return Plugins(tuple(found), tuple(warnings), failed)
 
 
-def _taken(package: str, kind: str, key: str) -> Diagnostic:
-    reason = "msnn or another plug-in has this name, or it is no name"
+def _why_not(
+    kind: str, key: str, package: str, keys: Collection[tuple[str, str]], found: Collection[Plugin]
+) -> str | None:
+    """The reason why a plug-in cannot have a name; None unless it is no name or of a plug-in."""
+    if kind == "format" and not _SUFFIX.fullmatch(key):
+        return "it is no suffix, which is a dot with lower-case letters and digits"
+    # as in other commands, words of a verb's name may have a hyphen between them
+    if kind != "format" and not is_name(key.replace("-", "_") if kind == "verb" else key):
+        return "it is no name, which has letters, digits and `_`"
+    if kind == "target" and key == _ALL:
+        return "`all` means every target of msnn"
+    owners = [plugin.package for plugin in found if (kind, key) in plugin.keys]
+    if package in owners or (kind, key) in keys:
+        return "the package brings it twice"
+    return f"the package {owners[0]} has this {kind} already" if owners else None
+
+
+def _without(package: str, kind: str, key: str, reason: str) -> Diagnostic:
     return left_out(package, f"the {kind} `{key}`", reason, f"rename the {kind} in {package}")
 
 
@@ -223,6 +315,9 @@ def _import_all(feature: Feature) -> None:
         is_entry = isinstance(each.value, type) and issubclass(each.value, Entry)
         if isinstance(each, LateEntry) and not is_entry:
             raise TypeError(f"`{each.module}:{each.name}` is no class with the base Entry")
+        if isinstance(each, LateEntry):
+            # a field whose type is no field type fails here, not at the first spec that has it
+            each.kind.model_rebuild(force=True)
     for line in feature.targets:
         if line.target.value.name != line.key:
             raise TypeError(f"the target of the line `{line.key}` has another name")

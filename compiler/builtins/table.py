@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from compiler.builtins.call_options import option
 from compiler.builtins.derivatives import lower_derivative
@@ -14,6 +15,7 @@ from compiler.builtins.reductions import lower_mean, lower_sum
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Apply, Relation
 from compiler.ir.program import NodeId
+from compiler.ir.rules.alignment import AxisConflict
 from compiler.ir.rules.unit_rules import distance_unit
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
@@ -28,6 +30,7 @@ from spec_schema.errors import names, shapes
 from spec_schema.expressions.language import Signature
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Name
+from spec_schema.plugins import PluginPart
 from spec_schema.registry import FunctionLine
 
 _LONGEST_SHOWN = 60
@@ -48,14 +51,19 @@ def lower_plugin_function(
     """The node of a call of a function that a plug-in makes of core operations."""
     _check_arguments(context, line.key, line.signature, call)
     context.plugin_functions.add(line.key)
+    builder = context.builder(environment)
+    # specs without plug-ins do not need it
+    from compiler.layers.rules.plugin_nodes import guarded_expansion
+
+    part = PluginPart("function", line.key, line.expand.module, (LoweringFailed, AxisConflict))
+
     if not call.arguments:
-        constant: NodeId = line.expand.value(context.builder(environment))
-        return constant
+        return guarded_expansion(part, partial(line.expand.value, builder), builder, call.span)
     nodes = lower_operands(context, call.arguments, environment)
     _warn_of_twin_axes(context, line.key, call, nodes, environment)
     with aligning(context, line.key, call, call.arguments[0], call.arguments[-1]):
-        node: NodeId = line.expand.value(context.builder(environment), *nodes)
-        return node
+        expand = partial(line.expand.value, builder, *nodes)
+        return guarded_expansion(part, expand, builder, call.span)
 
 
 def _check_arguments(context: Context, name: str, signature: Signature, call: Call) -> None:

@@ -29,6 +29,11 @@ class NodeStore:
     def graph(self) -> Graph:
         return Graph(tuple(self._nodes))
 
+    @property
+    def size(self) -> int:
+        """The number of nodes."""
+        return len(self._nodes)
+
     def type(self, node: NodeId) -> Type:
         return self._nodes[node].type
 

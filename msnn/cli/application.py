@@ -149,6 +149,8 @@ def _ended(arguments: Sequence[str]) -> int:
         from msnn.cli.answer import answer
 
         code = answer(error)
+        if NOW.is_verbose:
+            _show_fault_of_plugin(error)
         if code is ExitCode.BUG:
             _tell_of_bug(error, arguments)
         return code
@@ -189,6 +191,19 @@ def _write_no_more() -> None:
 def _tell_of_interrupt() -> ExitCode:
     print("interrupted", file=sys.stderr)
     return ExitCode.INTERRUPTED
+
+
+def _show_fault_of_plugin(error: BaseException) -> None:
+    """Prints the traceback of an exception of a plug-in."""
+    from spec_schema.diagnostics.diagnostic import SpecError
+
+    cause: BaseException | None = error
+    while isinstance(cause, SpecError):
+        if not any(fault.code == "E0230" for fault in cause.diagnostics):
+            return
+        cause = cause.__cause__ or cause.__context__
+    if cause is not None and cause is not error:
+        traceback.print_exception(cause)
 
 
 def _tell_of_bug(error: Exception, arguments: Sequence[str]) -> None:

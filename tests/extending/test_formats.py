@@ -237,15 +237,25 @@ def test_a_suffix_that_is_not_ours_is_looked_up(tmp_path: Path):
         series(tmp_path, "log.jsonl")
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".jsonl", "lgr", ".LGR", ".a.b", ".", ""])
+NO_SUFFIX = "it is no suffix, which is a dot with lower-case letters and digits"
+
+
+@pytest.mark.parametrize(
+    ("suffix", "reason"),
+    [
+        (".csv", "msnn reads files of this suffix"),
+        (".jsonl", "the package msnn-example has this format already"),
+        *((suffix, NO_SUFFIX) for suffix in ("lgr", ".LGR", ".a.b", ".", "")),
+    ],
+)
 def test_a_suffix_that_is_taken_or_no_suffix_is_left_out(
-    suffix: str, example: None, install: Install, tmp_path: Path
+    suffix: str, reason: str, example: None, install: Install, tmp_path: Path
 ):
     text = READER.format(body="", isolated=False).replace('".lgr"', f'"{suffix}", ".fine"')
     install("other", {"logger.py": text}, "logger:FEATURE")
     (warning,) = plugins.look_up().warnings
     assert warning.code == "W0222"
-    assert f"the format `{suffix}` of the package other is left out" in warning.message
+    assert warning.message == (f"the format `{suffix}` of the package other is left out: {reason}")
     brought = {each.package: each.keys for each in plugins.known_plugins()}
     assert brought["other"] == {("format", ".fine")}
     assert ("format", ".jsonl") in brought["msnn-example"]

@@ -167,18 +167,27 @@ def test_a_plugin_that_is_gone_leaves_no_key(
     assert "budget" not in json.loads(capsys.readouterr().out)["properties"]
 
 
+OURS = "msnn has a section or a word of its own with this name"
+
+
 @pytest.mark.parametrize(
-    "key", ["train", "mpc", "checks", "of", "model_fields", "x-mine", "budget"]
+    ("key", "reason"),
+    [
+        *((key, OURS) for key in ("train", "mpc", "checks", "of", "model_fields")),
+        ("x-mine", "it is no name, which has letters, digits and `_`"),
+        ("", "it is no name, which has letters, digits and `_`"),
+        ("budget", "the package msnn-example has this section already"),
+    ],
 )
 def test_a_name_that_is_taken_is_left_out_with_a_warning(
-    key: str, example: None, install: Install, tmp_path: Path
+    key: str, reason: str, example: None, install: Install, tmp_path: Path
 ):
     record = RECORD.format(key=key, module="stranger")
     install("stranger", {"stranger.py": record}, "stranger:FEATURE")
     found = plugins.look_up()
     (warning,) = found.warnings
     assert warning.code == "W0222"
-    assert f"the section `{key}` of the package stranger is left out" in warning.message
+    assert warning.message == (f"the section `{key}` of the package stranger is left out: {reason}")
     # the others work
     assert load(spec_file(tmp_path, BUDGET)).problems.keys() == {"budget"}
 
@@ -204,6 +213,10 @@ def test_a_name_that_is_taken_is_left_out_with_a_warning(
         (
             RECORD.format(key="fine", module="broken").replace('"Keys")', '"SECTION")'),
             "`broken:SECTION` is no class with the base Entry",
+        ),
+        (
+            RECORD.format(key="fine", module="broken").replace("    pass", "    size: 'Gone'"),
+            "name 'Gone' is not defined",
         ),
         (TARGET.format(key="fine", name="other"), "the target of the line `fine` has another name"),
         (
@@ -231,7 +244,14 @@ def test_a_plugin_that_fails_is_named_and_left_out(
 def test_a_target_cannot_be_called_all(install: Install):
     install("stranger", {"stranger.py": TARGET.format(key="all", name="all")}, "stranger:FEATURE")
     (warning,) = plugins.look_up().warnings
-    assert "the target `all` of the package stranger is left out" in warning.message
+    assert warning.message.endswith("is left out: `all` means every target of msnn")
+
+
+def test_a_name_that_a_package_brings_twice_is_left_out(install: Install):
+    text = RECORD.format(key="fine", module="stranger").replace("sections=(", "sections=2 * (")
+    install("stranger", {"stranger.py": text}, "stranger:FEATURE")
+    (warning,) = plugins.look_up().warnings
+    assert warning.message.endswith("is left out: the package brings it twice")
 
 
 def test_a_program_file_names_the_package_that_is_missing(example: None, tmp_path: Path):
