@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, TypeAlias
@@ -78,6 +79,11 @@ NewSettings: TypeAlias = Annotated[
         callback=_wants_value,
     ),
 ]
+
+
+def words_of(texts: Sequence[str] | None) -> list[str]:
+    """The words of an option that takes several: with commas, by repeating it, or both."""
+    return [word.strip() for text in texts or () for word in text.split(",") if word.strip()]
 
 
 def refuse_two_origins(weights: Path | None, initial: bool) -> None:

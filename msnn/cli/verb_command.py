@@ -28,7 +28,10 @@ def plugin_rows(
 
 
 class VerbCommand(TyperCommand):
-    """Rejects extra arguments; data files are passed by an option."""
+    """Rejects extra arguments, and a second value of an option that takes one.
+
+    Data files are passed by an option.
+    """
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Like typer; the help of `export` also lists the targets of plug-ins."""
@@ -41,7 +44,9 @@ class VerbCommand(TyperCommand):
                 formatter.write_dl(rows)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Like typer; extra arguments end the command with a suggestion."""
+        """Like typer; extra words and values end the command with a suggestion."""
+        if not ctx.resilient_parsing:
+            self._refuse_repeated(ctx, args)
         # so that click hands the words back instead of refusing them without a repair
         ctx.allow_extra_args = True
         left = super().parse_args(ctx, args)
@@ -55,3 +60,13 @@ class VerbCommand(TyperCommand):
                 repair = ": write `--data` before each file of data"
             ctx.fail(f"{said}{repair}")
         return left
+
+    def _refuse_repeated(self, ctx: Any, args: list[str]) -> None:
+        """Ends the command where typer would take the last of several values silently."""
+        parser: Any = self.make_parser(ctx)
+        _, _, given = parser.parse_args(list(args))
+        for option in given:
+            times = given.count(option)
+            takes_many = option.param_type_name != "option" or option.multiple or option.is_flag
+            if times > 1 and not takes_many:
+                ctx.fail(f"`{option.opts[-1]}` is given {times} times, and takes one value")

@@ -15,6 +15,7 @@ from msnn.cli.arguments import (
     ResultFormat,
     Settings,
     SummaryFile,
+    words_of,
 )
 from msnn.cli.exit_codes import ExitCode
 
@@ -31,14 +32,14 @@ def diff(
     new_settings: NewSettings = None,
     data_root: DataRoot = None,
     fail_on: Annotated[
-        str,
+        list[str] | None,
         typer.Option(
             "--fail-on",
             metavar="any|breaking|worse|never",
             help="What is no success: any other meaning, an interface that breaks those who use "
-            "it, a metric that is worse; several with commas.",
+            "it, a metric that is worse; several with commas; default: any.",
         ),
-    ] = "any",
+    ] = None,
     margin: Annotated[
         float,
         typer.Option(metavar="PERCENT", help="How much the error of a metric may grow.", min=0),
@@ -66,9 +67,9 @@ def diff(
     )
     from msnn.model.load import load_model
 
-    asked = {word.strip() for word in fail_on.split(",")}
-    if unknown := sorted(asked - set(get_args(FailOn))):
-        message = f"`{unknown[0]}` is none of {', '.join(get_args(FailOn))}"
+    asked = {"any"} if fail_on is None else {*words_of(fail_on)}
+    if (unknown := sorted(asked - {*get_args(FailOn)})) or not asked:
+        message = f"`{''.join(unknown[:1])}` is none of {', '.join(get_args(FailOn))}"
         raise typer.BadParameter(message, param_hint="'--fail-on'")
     wanted, share = cast("set[FailOn]", asked), margin / 100
     of_both = tuple(settings or ())
