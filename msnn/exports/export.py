@@ -98,7 +98,7 @@ def plan_exports(
         request = Request(model, findings, own, weights)
         plan = target.prepare(request, _entry(model.spec.export, target))
         if plan is not None:
-            plans.append(replace(plan, target=target, cuts=tuple(request.cuts)))
+            plans.append(replace(plan, cuts=tuple(request.cuts)))
     return plans
 
 

@@ -35,10 +35,17 @@ def plugin_target(line: TargetLine) -> AnyTarget:
             manager = guarded(target.load)(*arguments)
             yield guarded(stack.enter_context)(manager)
 
-    return replace(
+    own_prepare = guarded(target.prepare, _fault_of_plan)
+
+    def prepare(request: Request, entry: Any) -> AnyPlan | None:
+        plan = own_prepare(request, entry)
+        # the plan names the record without guards
+        return None if plan is None else replace(plan, target=record)
+
+    record = replace(
         target,
         promise=guarded(target.promise),
-        prepare=guarded(target.prepare, _fault_of_plan),
+        prepare=prepare,
         write=guarded(target.write, _fault_of_files),
         load=None if target.load is None else loaded,
         judge=guarded(target.judge),
@@ -47,6 +54,7 @@ def plugin_target(line: TargetLine) -> AnyTarget:
         compare=guarded(target.compare),
         tell=guarded(target.tell, is_a(str)),
     )
+    return record
 
 
 def _fault_of_plan(plan: object, request: Request, entry: object) -> str | None:
