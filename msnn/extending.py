@@ -17,8 +17,7 @@ from compiler.layers.rules.arguments import (
     read_values,
     read_window,
 )
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
 from compiler.linking.link import Linked
 from msnn.cli.console import json_result, note, report, result
 from msnn.cli.exit_codes import ExitCode
@@ -30,10 +29,9 @@ from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, error, remark, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.language import Signature
-from spec_schema.fields.entry import Entry, OneOf
+from spec_schema.fields.entry import Entry, LateEntry, LateObject, OneOf
 from spec_schema.fields.formulas import ExpressionField
-from spec_schema.fields.late_entry import LateEntry, LateObject
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.fields.plain import (
     EntriesOf,
     ManyOf,

@@ -18,8 +18,7 @@ from spec_schema import registry
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.plugins import faulty_plugin, left_out, what_was_raised
-from spec_schema.fields.entry import Entry
-from spec_schema.fields.late_entry import LateEntry, LateObject
+from spec_schema.fields.entry import Entry, LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
 from spec_schema.names import is_name
 from spec_schema.registry import Feature, FeatureLines, KeyLine
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 GROUP = "msnn.features"
 _ALL = "all"
 """The word of `msnn export --to` for every target of msnn."""
-_OF_THE_LANGUAGE = LateObject("compiler.ir.scalars.signatures", "OF_THE_LANGUAGE")
+_OF_THE_LANGUAGE = LateObject("compiler.ir.scalars", "OF_THE_LANGUAGE")
 """Names that a function of a plug-in cannot have; the compiler has them, above this room."""
 _OF_THE_COMMAND_LINE = LateObject("msnn.cli.application", "VERBS")
 """Names that a verb of a plug-in cannot have."""

@@ -13,8 +13,7 @@ from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from spec_schema.expressions.language import Signature
-from spec_schema.fields.entry import Entry
-from spec_schema.fields.late_entry import LateEntry, LateObject
+from spec_schema.fields.entry import Entry, LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
 
 E = TypeVar("E", bound=Entry)
@@ -128,9 +127,9 @@ class PartLine:
     """Its key in an entry of `use`, and its word in the records of runs."""
     entry: LateEntry
     kind: LateObject
-    """The `spec_schema.sections.part.PartKind` that reads its file."""
+    """The `spec_schema.sections.submodels.PartKind` that reads its file."""
     members: LateObject
-    """The `compiler.elaboration.part_members.PartMembers` of what stands after its dot."""
+    """The `compiler.elaboration.names.PartMembers` of what stands after its dot."""
     about: str
     title: str
     """The word for it in messages."""

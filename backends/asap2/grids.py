@@ -6,8 +6,7 @@ import numpy as np
 
 from backends.asap2.objects import Knots
 from compiler.ir import ops
-from compiler.ir.graph import Graph, Node, NodeId
-from compiler.ir.program import Parameter, Program
+from compiler.ir.program import Graph, Node, NodeId, Parameter, Program
 from compiler.ir.types import UNNAMED, Type
 
 

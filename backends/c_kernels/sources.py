@@ -12,9 +12,8 @@ from backends.c_language.printer import placement
 from backends.c_language.tree import Function
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import FORMATS, Format, RealName
-from compiler.kernels.trace.statements import Block, Branch, Call, Routine
-from compiler.kernels.trace.subroutine import trace
-from compiler.kernels.trace.without_branches import without_branches
+from compiler.kernels.trace.statements import Block, Branch, Call, Routine, without_branches
+from compiler.kernels.trace.values import trace
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from backends.c_language.helper_functions import HELPERS
 from backends.c_language.literals import Dtype, suffix
 from backends.c_language.math_library import MathLibrary
 from backends.c_language.tree import Call, Conditional, Expression, Function
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Kind
 
 _IN_LIBM = frozenset(

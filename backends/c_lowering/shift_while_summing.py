@@ -9,7 +9,7 @@ from backends.c_language.scope import BlockScope, LocalName
 from backends.c_language.tree import Binary, Expression, Real
 from backends.c_lowering.state_memory import ShiftBuffer, StateMemory
 from backends.c_lowering.sums import in_blocks
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.ops import ReadState, Reduction, Window
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW

@@ -18,7 +18,7 @@ from backends.ports.metadata import interface_metadata, metadata_text
 from backends.ports.step_interface import step_interface
 from compiler.ir import ops
 from compiler.ir.program import Graph, Program
-from compiler.passes.simplify.inline_parameters import inline_parameters
+from compiler.passes.inline_parameters import inline_parameters
 
 _AS_IT_IS = CasadiOptions()
 

@@ -21,7 +21,7 @@ from backends.casadi_function.columns import (
 from backends.ports.step_interface import Port
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import WINDOW, Axis, Type
 
 

@@ -18,8 +18,8 @@ from backends.native.lanes.lane_memory import LaneMemory, size_of
 from backends.native.lanes.lane_printer import LanePrinter
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir.program import Program
-from compiler.ir.scalars.slope_products import LARGEST_SLOPE
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
+from compiler.ir.slopes import LARGEST_SLOPE
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
 
 _TEMPLATES = Path(__file__).resolve().parents[2] / "templates" / "native"

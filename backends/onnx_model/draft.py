@@ -17,7 +17,7 @@ from backends.ports.metadata import interface_metadata, metadata_text
 from backends.ports.step_interface import PortNames, StepInterface, port_names, step_interface
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Parameter, Program
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis
 from compiler.passes.expand_functions import expand_functions
 from spec_schema.units.unit import Unit

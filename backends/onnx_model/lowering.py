@@ -15,7 +15,7 @@ from backends.onnx_model.nodes import OnnxNodes
 from backends.ports.step_interface import Port
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis, Type
 
 _RELATIONS = {

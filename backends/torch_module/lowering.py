@@ -22,9 +22,8 @@ from backends.torch_module.operations import (
 )
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId, Program
-from compiler.passes.derivatives.guard_infinite_slopes import guard_infinite_slopes
-from compiler.passes.derivatives.guard_untaken import guard_untaken
 from compiler.passes.expand_functions import expand_functions
+from compiler.passes.guard_derivatives import guard_infinite_slopes, guard_untaken
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import torch
 from torch import fx
 
 from compiler.ir.ops import Relation
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis, Type
 
 RELATIONS: dict[Relation, Callable[..., Any]] = {

@@ -37,7 +37,7 @@ from benchmarks.mutation.right_kernels import alarms, gallery
 from benchmarks.mutation.schemata import CHOICE, with_all
 from compiler.differentiation.interpreted_training import InterpretedLosses
 from compiler.differentiation.training_step import TrainingStep, training_step
-from compiler.interpreter.bounded_rollouts import Rollouts
+from compiler.interpreter.rounding import Rollouts
 from compiler.passes.close_loop import close_loop
 from msnn.data.starts import Runs
 from msnn.simulation.engines import kernel_check

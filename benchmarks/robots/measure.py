@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.program import Program
 from compiler.ir.types import Type
 from msnn.cli.application import run

@@ -8,9 +8,8 @@ from importlib import import_module
 from typing import cast
 
 from compiler.ir.program import NodeId
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import AnyRule, LayerRule
-from compiler.lowering.failure import LoweringFailed
+from compiler.layers.rules.layer_rule import AnyRule, LayerContext, LayerRule
+from compiler.lowering.context import LoweringFailed
 from spec_schema import registry
 from spec_schema.diagnostics.source import Span
 from spec_schema.fields.entry import Entry

@@ -14,11 +14,10 @@ from compiler.interpreter.bounded import Bounded, exact
 from compiler.interpreter.interpreter import physical_weights
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import Graph, NodeId, Program
-from compiler.jacobian.interpret import JacobianInterpreter
+from compiler.jacobian.jacobian import JacobianInterpreter
 from compiler.jacobian.jacobian import jacobian as jacobian_of
 from compiler.jacobian.matrices import Jacobian, Matrix, Vector
-from compiler.passes.derivatives.guard_infinite_slopes import guard_infinite_slopes
-from compiler.passes.derivatives.guard_untaken import guard_untaken
+from compiler.passes.guard_derivatives import guard_infinite_slopes, guard_untaken
 from msnn.agreement.deviation import bits_of_each
 from msnn.agreement.judging.judgement import Arrays, FloatType, Judgement
 from msnn.agreement.loaded import ExportedSlopes

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spec_schema.reading.python_values import Settings, setting_texts
+from spec_schema.reading.setting_values import Settings, setting_texts
 
 if TYPE_CHECKING:
     from msnn.api.results.comparisons import ShownComparison

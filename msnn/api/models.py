@@ -17,7 +17,7 @@ from msnn.model.model_data import known_in, sources_of
 from msnn.model.weights.given_weights import Weights
 from msnn.packages import TORCH
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
-from spec_schema.reading.python_values import Settings, setting_texts, spec_text
+from spec_schema.reading.setting_values import Settings, setting_texts, spec_text
 from spec_schema.sections.spec import Spec
 
 OF_TEXT, OF_MAPPING = Path("text.msnn.yaml"), Path("mapping.msnn.yaml")

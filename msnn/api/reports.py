@@ -227,7 +227,7 @@ def _line(folder: Path) -> RunLine | None:
 def _verification(file: Path) -> dict[str, Any]:
     """The output of `msnn verify --format json`; SpecError for any other file."""
     from msnn.errors.results import reports as errors
-    from spec_schema.reading.endless_files import refuse_endless
+    from spec_schema.reading.reader import refuse_endless
 
     try:
         refuse_endless(file)

@@ -210,7 +210,7 @@ def _tell_of_bug(error: Exception, arguments: Sequence[str]) -> None:
     # a plug-in's verb may fail before its options are read
     if NOW.is_verbose or not {"-v", "--verbose"}.isdisjoint(arguments):
         traceback.print_exception(error)
-    from spec_schema.diagnostics.printable import printable
+    from spec_schema.diagnostics.source import printable
 
     said = f"({type(error).__name__}: {printable(str(error))}); `--verbose` shows where"
     plugin = _plugin_of(arguments)

@@ -15,9 +15,8 @@ from msnn.cli.manners import NOW
 from msnn.errors.failures import ReaderGoneError
 from msnn.terminals import is_live
 from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.diagnostics.printable import printable, printable_json
 from spec_schema.diagnostics.render import render
-from spec_schema.diagnostics.source import SourceText
+from spec_schema.diagnostics.source import SourceText, printable, printable_json
 
 # `msnn.model` loads the compiler, which `fmt`, `explain` and `schema` do without
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 from msnn.cli.console import report
 from msnn.cli.manners import with_manners
 from msnn.cli.verb_command import VerbCommand, plugin_rows
-from spec_schema.diagnostics.printable import printable
+from spec_schema.diagnostics.source import printable
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.plugins import Plugin, look_up, plugins_with
 from spec_schema.registry import VERBS, VerbLine

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from compiler.ir.liveness import Extent, needed
+from compiler.ir.nodes import Extent, needed
 from compiler.ir.ops import ReadLog, ReadSignal
 from compiler.ir.program import Graph, NodeId, Program, Role, Signal
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from compiler.ir.liveness import Extent
+from compiler.ir.nodes import Extent
 from compiler.ir.program import Graph, Loss, Program
 from msnn.data.dataset import BoolArray, Dataset
 from msnn.data.reads import reads, span

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from compiler.ir.liveness import Extent
+from compiler.ir.nodes import Extent
 from compiler.ir.program import Program
 from msnn.data.dataset import IntArray
 from msnn.data.reads import reads, span

@@ -7,7 +7,7 @@ from typing import Any
 
 from msnn.packages import CASADI, FMPY, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
 from spec_schema import registry
-from spec_schema.fields.late_entry import LateObject
+from spec_schema.fields.entry import LateObject
 from spec_schema.late_dataclass import dataclass
 from spec_schema.plugins import look_up
 

@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 
 from compiler.ir.program import Program
 from compiler.ir.types import Type
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 
 
 def is_frozen(name: str, stage: Stage) -> bool:

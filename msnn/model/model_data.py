@@ -15,7 +15,7 @@ from msnn.errors.disk_data import not_on_disk
 from msnn.model.model import Model
 from msnn.model.weights.given_weights import Weights, weights_path
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
-from spec_schema.sections.data.data import Data, Source
+from spec_schema.sections.data import Data, Source
 
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from compiler.lowering.arrays.number_file import UnusableFileError, number_path, number_text
+from compiler.lowering.arrays import UnusableFileError, number_path, number_text
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.fields.entry import Entry
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.values import Initializer
 

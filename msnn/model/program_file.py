@@ -25,8 +25,7 @@ from msnn.model.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.errors.files import unreadable_file
 from spec_schema.errors.settings import compiled_already
-from spec_schema.reading.endless_files import refuse_endless
-from spec_schema.reading.reader import read_spec
+from spec_schema.reading.reader import read_spec, refuse_endless
 from spec_schema.reading.settings import model_settings, settings_source
 
 

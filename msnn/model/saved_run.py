@@ -14,7 +14,7 @@ from msnn.errors.learning.runs import no_run
 from msnn.model.spec_hash import kept_name
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.late_dataclass import dataclass
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 
 LATEST = "latest"
 WEIGHTS = "weights.safetensors"

@@ -22,8 +22,7 @@ from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.late_dataclass import dataclass
-from spec_schema.reading.endless_files import refuse_endless
-from spec_schema.reading.reader import ReadResult
+from spec_schema.reading.reader import ReadResult, refuse_endless
 from spec_schema.sections.submodels import Use
 
 LARGEST_FILE = 1 << 30

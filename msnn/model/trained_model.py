@@ -14,8 +14,7 @@ from msnn.model.spec_hash import SubmodelFile
 from msnn.model.trained_parts import part_difference, refuse_other_parts
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
-from spec_schema.reading.endless_files import refuse_endless
-from spec_schema.reading.one_file import ReadResult, read_one_spec
+from spec_schema.reading.reader import ReadResult, read_one_spec, refuse_endless
 from spec_schema.reading.settings import model_settings, workflow
 
 

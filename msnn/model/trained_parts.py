@@ -9,9 +9,9 @@ from msnn.errors.learning.weights import weights_of_another_model
 from msnn.model.saved_run import PARTS
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 from spec_schema.registry import PartLine
-from spec_schema.sections.part import part_kind
+from spec_schema.sections.submodels import part_kind
 
 
 def refuse_other_parts(parts: Sequence[SubmodelFile], weights: Path) -> None:

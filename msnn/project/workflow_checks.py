@@ -13,8 +13,7 @@ from msnn.errors.data import formats as data_formats
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
-from spec_schema.sections.data.columns import Column
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Column, Data
 from spec_schema.sections.spec import Spec
 
 # as where columns are read; that file is not opened here, for `check` is to start light

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.sampling import Sampling
+from compiler.lowering.context import LoweringFailed, Sampling
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.tree import Length
 

@@ -12,7 +12,7 @@ from compiler.differentiation.estimated_starts import (
     evaluations_that_decide,
     with_read_starts,
 )
-from compiler.ir.liveness import Extent
+from compiler.ir.nodes import Extent
 from compiler.ir.program import Program, Role
 from compiler.passes.close_loop import LoopError, close_loop
 from msnn.data.dataset import BoolArray, Dataset, IntArray
@@ -26,7 +26,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Length
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.training.training import Rollout
+from spec_schema.sections.training import Rollout
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from compiler.differentiation.estimated_starts import (
     start_signal,
     with_read_starts,
 )
-from compiler.ir.liveness import extents, states_beside_the_log
+from compiler.ir.nodes import extents, states_beside_the_log
 from compiler.ir.program import NodeId, Program, Role
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BETWEEN_ROWS, UNASSIGNED, Dataset, FloatArray, IntArray, Record

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.differentiation.compared_squares import compared_squares
 from compiler.differentiation.estimated_starts import (
     estimated_states,
     offset_parameter,
     start_signal,
     with_moved_starts,
 )
+from compiler.differentiation.training_step import compared_squares
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import Broadcast, Constant
 from compiler.ir.program import Graph, NodeId, Program

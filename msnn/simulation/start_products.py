@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backends.files.c_compiler import CompilerMissingError
-from compiler.differentiation.compared_squares import SIZE_OF
-from compiler.differentiation.residuals import LossResiduals
-from compiler.differentiation.sensitivities import sensitivities
+from compiler.differentiation.sensitivities import LossResiduals, sensitivities
+from compiler.differentiation.training_step import SIZE_OF
 from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.ir.program import Output, Program
 from compiler.ir.types import Type

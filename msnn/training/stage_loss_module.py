@@ -29,7 +29,7 @@ from msnn.training.stages.stage_starts import stage_starts
 from msnn.training.starts.data_scales import with_data_scales
 from msnn.training.starts.initial_weights_of_run import first_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 
 
 def stage_loss(

@@ -35,7 +35,7 @@ from msnn.training.training_result import (
 )
 from msnn.training.training_run import TrainingRun
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 
 
 def train(

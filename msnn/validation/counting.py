@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compiler.ir.liveness import Extent
+from compiler.ir.nodes import Extent
 from msnn.data.dataset import IntArray
 from msnn.data.scored import rows_that_count
 from msnn.data.starts import Runs

@@ -11,7 +11,7 @@ from msnn.data.dataset import FloatArray, IntArray
 from msnn.validation.judged_errors import JudgedErrors
 from msnn.validation.statistics.coverage import Coverage
 from msnn.validation.statistics.metrics import Scores
-from spec_schema.sections.validation import Metric
+from spec_schema.sections.training import Metric
 from spec_schema.units.unit import Unit
 
 METRICS: tuple[Metric, ...] = ("rmse", "mae", "max_abs", "fit", "r2", "fvu", "aic")

@@ -17,7 +17,7 @@ from msnn.validation.plan import CheckPlan
 from msnn.validation.ready_check import ReadyCheck
 from msnn.validation.rows_text import rows_text
 from msnn.validation.statistics.metrics import Errors, Scores, score
-from spec_schema.sections.validation import Metric
+from spec_schema.sections.training import Metric
 
 _AT_ONCE = 1 << 16
 """Samples added at once; limits the memory."""

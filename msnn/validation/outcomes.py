@@ -11,7 +11,7 @@ import numpy as np
 
 from compiler.ir.kept_results import kept_for_same
 from compiler.ir.program import Loss, Output, Program
-from compiler.passes.simplify.drop_unused import drop_unused
+from compiler.passes.simplify import drop_unused
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.engines.engine import Advance, Engine, OpenedRollouts, RolloutEngine

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from compiler.ir.liveness import Extent
+from compiler.ir.nodes import Extent
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
 from msnn.model.weights.kept_starts import KeptStarts

@@ -22,8 +22,7 @@ from msnn.validation.plan import plan_checks
 from msnn.validation.ready_check import ReadyCheck, ready_check, with_found_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.sections.training.training import Stage
-from spec_schema.sections.validation import Validation
+from spec_schema.sections.training import Stage, Validation
 from spec_schema.units.unit import Unit
 
 Weights = Mapping[str, FloatArray]

@@ -14,7 +14,7 @@ from typing import Any
 from msnn.errors.commands import not_exported_c
 from msnn.verification.sources import CFolder, plain_hash, plain_name
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 from spec_schema.registry import ARITHMETICS
 
 Range = tuple[float, float]

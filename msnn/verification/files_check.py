@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from backends.files.export_identity import MANIFEST, OPEN, identity_of, read_manifest
 from msnn.verification.proof_step import ProofStep, Result
 from msnn.verification.sources import Sources
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 
 _BUILT = ("include", "src", "test")
 """Folders from which builds use every file."""

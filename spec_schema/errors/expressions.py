@@ -2,9 +2,9 @@
 
 import re
 
-from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import with_point_or_joined
 from spec_schema.names import LONGEST_NAME
 
 

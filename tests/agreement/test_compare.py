@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.deviation import bits_of_each, worst_deviation
 from msnn.agreement.judging.judgement import FloatType

@@ -12,7 +12,7 @@ import pytest
 import msnn
 from backends.c import COptions
 from compiler.ir.program import Program
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judging.judge import judge
 from msnn.agreement.judging.record import drawn_record

@@ -14,7 +14,7 @@ from msnn.data.formats.isolation.message import ReadRequest, read_message, write
 from msnn.data.formats.table import ColumnTable, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from spec_schema.diagnostics.source import Span
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.units.parser import parse_unit
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compiler.ir.liveness import Extent
+from compiler.ir.nodes import Extent
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import IntArray
 from msnn.data.scored import rows_that_count

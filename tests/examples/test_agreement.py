@@ -17,7 +17,7 @@ import pytest
 
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judging.judgement import FloatType
 from msnn.agreement.judging.record import AgreementRecord

@@ -9,8 +9,7 @@ import pytest
 from backends.casadi_function.function import build_function, casadi_names
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
-from compiler.jacobian.interpret import JacobianInterpreter
-from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.jacobian.matrices import Matrix
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judging.judge import Arrays, judge

@@ -12,11 +12,11 @@ import msnn
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import Contract
 from compiler.ir.program import Program, Role
-from compiler.ir.rules.verifier import verify
 from compiler.ir.types import Type
+from compiler.ir.verifier import verify
 from compiler.passes.analyses.kept_slices import cut_weights
-from compiler.passes.pruning.prune_outputs import prune_outputs
-from compiler.passes.pruning.prune_zero_slices import prune_zero_slices
+from compiler.passes.prune_zero_slices import prune_zero_slices
+from compiler.passes.simplify import prune_outputs
 from msnn.cli.application import run
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_exports

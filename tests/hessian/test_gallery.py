@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from backends.casadi_function.function import build_function, casadi_names
-from compiler.hessian.interpret import DerivativeInterpreter
 from compiler.hessian.step_derivatives import (
+    DerivativeInterpreter,
     StepDerivatives,
     multiplier,
     next_value,

@@ -26,7 +26,7 @@ from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import DOUBLE
 from compiler.kernels.trace import statements as kernel
 from compiler.kernels.trace.statements import Assign, Block, Branch, Local, Operator, ValueKind
-from compiler.kernels.trace.subroutine import trace
+from compiler.kernels.trace.values import trace
 
 A, B, C, D, E = map(Name, "abcde")
 

@@ -18,8 +18,8 @@ from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
-from spec_schema.sections.training.optimizers import Sgd
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.optimizers import Sgd
+from spec_schema.sections.training import Stage
 
 STARTS = 11
 """One group of lanes and a part of one."""

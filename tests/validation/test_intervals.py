@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import msnn
-from compiler.differentiation.output_variances import ROOT, VARIANCE, with_variances
+from compiler.differentiation.sensitivities import ROOT, VARIANCE, with_variances
 from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
 from msnn.model.weights.covariance_file import (

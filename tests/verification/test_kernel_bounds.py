@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.kernels.table import KERNELS
 from msnn.cli.application import run
 from msnn.verification.builds.harness import write_harness

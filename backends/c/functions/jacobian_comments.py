@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import groupby
 
-from compiler.ir.rules.unit_rules import quotient_unit
+from compiler.ir.rules import quotient_unit
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix, MatrixBlock, Member, Vector
 

@@ -16,7 +16,7 @@ from backends.c_language.places import ArrayView, Index
 from backends.c_language.tree import Argument, CType, Declare, Discard, Function, Name, Real, Return
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.state_memory import DelayLine, PlainState
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.ops import ReadSignal, ReadState
 from compiler.ir.program import Graph
 from compiler.jacobian.matrices import MatrixBlock

@@ -14,7 +14,7 @@ from backends.c.interface.status import StatusBit
 from backends.c_language.literals import Dtype
 from backends.c_language.places import ArrayView
 from backends.c_lowering.state_memory import InPlace, PlainState, StateMemory
-from compiler.ir.liveness import needed_over_time
+from compiler.ir.nodes import needed_over_time
 from compiler.ir.program import Declared, Program, State
 
 

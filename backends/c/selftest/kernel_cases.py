@@ -8,9 +8,9 @@ from itertools import product
 import numpy as np
 
 from backends.c_language.literals import Dtype
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.kernels.branch_cover import branch_cover
-from compiler.kernels.evaluate import evaluate
+from compiler.kernels.table import evaluate
 from compiler.kernels.tables.formats import RealName
 from compiler.kernels.tables.telling_arguments import telling_arguments
 

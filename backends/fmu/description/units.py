@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from xml.etree.ElementTree import Element
 
 from backends.fmu.description.xml_text import child, number_text
-from spec_schema.units.table import BASE_SYMBOLS
-from spec_schema.units.unit import Unit
+from spec_schema.units.unit import BASE_SYMBOLS, Unit
 
 
 def add_units(root: Element, units: Iterable[Unit | None]) -> None:

@@ -14,14 +14,14 @@ from typing import assert_never
 from backends.c_lowering.use_counts import only_units_moved, use_counts
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir import ops
-from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.training.values import (
+from compiler.ir.ops import (
     KeptRow,
     LossScale,
     NewestSample,
     StateAdjoint,
     TrainingValue,
 )
+from compiler.ir.program import Graph, Node, NodeId
 
 _MOST_ELEMENTS = 96
 """Maximum number of stored elements per step: 25,000 steps of 16 samples take 154 MB."""

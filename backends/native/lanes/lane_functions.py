@@ -19,14 +19,14 @@ from backends.native.arrangement.late_adjoints import LateAdjoint
 from backends.native.arrangement.tiled_sums import HORIZON, TIME, Factor
 from backends.native.lanes.lane_memory import LaneMemory, read_of
 from compiler.ir import ops
-from compiler.ir.program import Graph, Node, NodeId, State
-from compiler.ir.training.values import (
+from compiler.ir.ops import (
     KeptRow,
     LossScale,
     NewestSample,
     StateAdjoint,
     TrainingValue,
 )
+from compiler.ir.program import Graph, Node, NodeId, State
 from compiler.ir.types import WINDOW, Type
 
 UNROLL = 4

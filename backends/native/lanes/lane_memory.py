@@ -11,7 +11,7 @@ from backends.native.arrangement.late_adjoints import LateAdjoint, late_adjoints
 from backends.native.arrangement.loop_splitting import Phases, split_loops
 from backends.ports.identifiers import c_identifier
 from compiler.differentiation.training_step import TrainingStep
-from compiler.ir.liveness import Extent, extents
+from compiler.ir.nodes import Extent, extents
 from compiler.ir.ops import ReadLog, ReadSignal
 from compiler.ir.program import NodeId, Program, State
 from compiler.ir.types import WINDOW, Axis

@@ -8,7 +8,7 @@ from typing import cast
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.rules.op_rules import AxesOfSources, broken_rule
+from compiler.ir.rules import AxesOfSources, broken_rule
 from spec_schema.diagnostics.source import Span
 from spec_schema.plugins import PluginPart
 

@@ -77,7 +77,7 @@ def fmt(
 
 def _source(file: Path) -> SourceText:
     """The text of the file with its original line endings."""
-    from spec_schema.reading.one_file import read_file
+    from spec_schema.reading.reader import read_file
 
     return read_file(file)
 

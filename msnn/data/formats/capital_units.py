@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice, product
 
-from spec_schema.units.parser import as_divisor, parse_unit
-from spec_schema.units.spellings import readings_of_capitals
+from spec_schema.units.parser import as_divisor, parse_unit, readings_of_capitals
 from spec_schema.units.unit import Unit, UnitError, unit_symbol
 
 MOST_REPAIRS = 3

@@ -17,7 +17,7 @@ from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.errors.plugins import faulty_plugin, what_was_raised
-from spec_schema.fields.late_entry import LateObject
+from spec_schema.fields.entry import LateObject
 from spec_schema.plugins import plugins_with
 from spec_schema.registry import FormatLine
 

@@ -16,8 +16,7 @@ from msnn.data.formats.capital_units import (
     repaired,
 )
 from spec_schema.diagnostics.source import Span
-from spec_schema.units.parser import parse_unit
-from spec_schema.units.spellings import is_doubtful, without_doubtful
+from spec_schema.units.parser import is_doubtful, parse_unit, without_doubtful
 from spec_schema.units.unit import Unit, UnitError
 
 MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))

@@ -18,9 +18,9 @@ from msnn.errors.data import files as errors
 from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.sections.data.columns import Column
+from spec_schema.sections.data import Column
 from spec_schema.units.parser import confused_units, parse_unit
-from spec_schema.units.turns import turn_readings
+from spec_schema.units.quantity import turn_readings
 from spec_schema.units.unit import UNCHANGED, Line, Unit
 
 LOG_SUFFIX = ".meas"

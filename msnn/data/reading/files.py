@@ -21,10 +21,9 @@ from msnn.errors.workflow import unknown_set
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.editors.spec_data import entry_data
-from spec_schema.fields.located import Located
-from spec_schema.reading.endless_files import refuse_endless
-from spec_schema.sections.data.data import Data, Source
-from spec_schema.sections.data.splits import SETS
+from spec_schema.fields.leaf import Located
+from spec_schema.reading.reader import refuse_endless
+from spec_schema.sections.data import SETS, Data, Source
 
 GIVEN = "data"
 """The name of the set for data that replace the spec's data, if the user names none."""

@@ -27,8 +27,8 @@ from msnn.data.reading.whole_signals import with_whole_signals
 from msnn.data.reads import measured_beside
 from msnn.errors.data.rows import other_sample_time
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.fields.located import KeyAndValueSpan
-from spec_schema.sections.data.data import Data, Source
+from spec_schema.fields.leaf import KeyAndValueSpan
+from spec_schema.sections.data import Data, Source
 
 
 @runtime_checkable

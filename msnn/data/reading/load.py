@@ -27,7 +27,7 @@ from msnn.errors.data.recordings import rows_in_two_sets
 from msnn.errors.disk_data import not_on_disk
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Data
 
 _LARGEST_SHOWN = 1_000_000
 

@@ -29,7 +29,7 @@ from msnn.errors.data import units as data_units
 from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.data import SECOND, Csv, Data, TimeColumn
+from spec_schema.sections.data import SECOND, Csv, Data, TimeColumn
 from spec_schema.units.unit import UNCHANGED, Line, Unit
 from spec_schema.yaml_tree.writer import scalar_text
 

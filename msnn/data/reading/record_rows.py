@@ -21,7 +21,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration
 from spec_schema.expressions.tree import Samples as SampleCount
-from spec_schema.sections.data.data import Data, Layout
+from spec_schema.sections.data import Data, Layout
 
 _HOUR = 3600.0
 

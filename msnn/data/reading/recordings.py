@@ -19,7 +19,7 @@ from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.errors.data import recordings as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Data
 
 _TO = " … "
 

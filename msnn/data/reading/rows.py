@@ -13,7 +13,7 @@ from msnn.errors.data import rows as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
 from spec_schema.expressions.tree import Samples
-from spec_schema.sections.data.data import Layout
+from spec_schema.sections.data import Layout
 
 GAP_TOLERANCE = 0.01
 """Tolerance of time steps, as a fraction of the sample time (rule R10)."""

@@ -15,7 +15,7 @@ from msnn.errors.data import rows as errors
 from msnn.errors.data.recordings import set_without_rows
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.splits import (
+from spec_schema.sections.data import (
     SETS,
     Blocks,
     DateRange,

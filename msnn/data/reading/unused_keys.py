@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from msnn.data.reading.files import DataFile
 from msnn.errors.data.formats import unused_key
 from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.sections.data.data import Data, Layout
+from spec_schema.sections.data import Data, Layout
 
 
 def unused_keys(

@@ -15,8 +15,7 @@ from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.reading.columns import LOG_SUFFIX
 from msnn.errors.data.formats import unusable_array
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.sections.data.columns import Column, ColumnName
-from spec_schema.sections.data.data import Source
+from spec_schema.sections.data import Column, ColumnName, Source
 
 
 def with_whole_signals(

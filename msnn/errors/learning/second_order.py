@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from compiler.ir.scalars.slope_products import LARGEST_SLOPE
+from compiler.ir.slopes import LARGEST_SLOPE
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 

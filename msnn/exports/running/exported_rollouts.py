@@ -13,7 +13,7 @@ import numpy as np
 from backends.ports.step_interface import step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judging.judge import beginning_at, inputs_at
 from msnn.data.dataset import BoolArray, FloatArray

@@ -9,7 +9,7 @@ from msnn.exports.export import target_named
 from msnn.exports.table import every_target
 from msnn.features.changes.interface_changes import InterfaceChange
 from msnn.model.model import Model
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.sections.exports import TargetEntry
 
 _BREAKS = {

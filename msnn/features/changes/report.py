@@ -14,7 +14,7 @@ from msnn.features.changes.model_changes import FailOn, ModelChanges
 from msnn.reports.compare_specs import SpecDifference
 from msnn.tables import Table, count
 from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.diagnostics.printable import printable, printable_json
+from spec_schema.diagnostics.source import printable, printable_json
 
 
 def changes_text(found: ModelChanges, margin: float) -> str:

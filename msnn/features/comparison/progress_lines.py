@@ -6,7 +6,7 @@ import time
 from typing import TextIO
 
 from msnn.features.comparison.trial import Trial, TrialOutcome
-from spec_schema.diagnostics.printable import printable
+from spec_schema.diagnostics.source import printable
 
 
 class TrialLines:

@@ -11,8 +11,7 @@ from typing import TypeAlias
 from msnn.features.comparison.errors import comparison as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.reading.python_values import value_text
-from spec_schema.reading.setting_values import one_form, one_path, shown_value
+from spec_schema.reading.setting_values import one_form, one_path, shown_value, value_text
 from spec_schema.yaml_tree.nodes import Listing
 from spec_schema.yaml_tree.reader import read_tree
 

@@ -20,7 +20,7 @@ from msnn.model.model_data import (
     told_where_they_were,
 )
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Data
 
 # `nan: split` cuts at missing values in place of refusing them; without `split` all is one set
 _KEPT: Mapping[str, str | None] = {"nan": "split", "split": None}

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.types import Axis, Type, describe_axes
-from compiler.lowering.scope import Declaration, Kind, Scope
+from compiler.lowering.context import Declaration, Kind, Scope
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
-from spec_schema.fields.located import Located
-from spec_schema.sections.dimensions import Dimension
-from spec_schema.sections.layers.layer import Layer
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.layers import Layer
 from spec_schema.sections.signals import Equation, Output, Signal, State
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Use
-from spec_schema.sections.values import Constant, Function, Parameter
+from spec_schema.sections.values import Constant, Dimension, Function, Parameter
 from spec_schema.units.unit import Unit
 
 

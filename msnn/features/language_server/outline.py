@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from compiler.lowering.scope import Kind
+from compiler.lowering.context import Kind
 from spec_schema.diagnostics.source import SourceText
 
 KINDS = {

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from compiler.lowering.scope import Kind
+from compiler.lowering.context import Kind
 from msnn.features.language_server.cursor import Cursor, cursor_at
 from msnn.features.language_server.knowledge import Knowledge, Known
 from msnn.features.language_server.outline import Heading, OutlineSection, outline

@@ -34,7 +34,7 @@ from msnn.features.nnodely.terms.names import TakenNames
 from msnn.features.nnodely.terms.terms import Cutter, Term
 from msnn.features.nnodely.terms.values import ShapeError, ValueOperations
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 
 _MOST_PASSES = 8
 """Maximum repetitions, each of which finds a closed loop with more samples."""

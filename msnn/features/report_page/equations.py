@@ -8,8 +8,7 @@ from typing import Any
 
 from compiler.ir.program import Program
 from spec_schema.expressions.mathml import enclosed, expression_mathml, indexed, name_mathml
-from spec_schema.expressions.text import length_text
-from spec_schema.expressions.tree import Expression, Samples
+from spec_schema.expressions.tree import Expression, Samples, length_text
 from spec_schema.fields.formulas import Prediction
 from spec_schema.sections.signals import InitialState
 from spec_schema.sections.spec import Spec

@@ -8,9 +8,8 @@ from pydantic import Field
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
-from spec_schema.fields.entry import Entry, RefusedError
-from spec_schema.fields.located import Choice, Located, Spelled
-from spec_schema.fields.named_tables import Named
+from spec_schema.fields.entry import Entry, Named, RefusedError
+from spec_schema.fields.leaf import Choice, Located, Spelled
 from spec_schema.fields.plain import DifferentOf, LocatedText, located_choice, reads, scalar
 from spec_schema.fields.quantities import QUANTITY, read_quantity
 from spec_schema.late_dataclass import dataclass

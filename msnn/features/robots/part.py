@@ -10,7 +10,7 @@ from msnn.features.robots.urdf.robot_part import robot_part
 from msnn.features.robots.urdf.urdf_file import Urdf, read_urdf
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.sections.part import PartKind
+from spec_schema.sections.submodels import PartKind
 
 _Piece = TypeVar("_Piece")
 

@@ -16,7 +16,7 @@ from msnn.errors.results.intervals import no_covariance
 from msnn.model.saved_run import PARAMETERS, read_json
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 
 COVARIANCE = "covariance.safetensors"
 _MATRIX = "covariance"

@@ -16,7 +16,7 @@ from backends.files.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray, Record
 from msnn.model.weights.given_weights import Weights, weights_path
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 
 STARTS = "starts.safetensors"
 _START, _SIGNAL = "start of ", "recorded "

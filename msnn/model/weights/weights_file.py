@@ -16,7 +16,7 @@ from msnn.errors.learning import weights as weight_errors
 from msnn.model.weights.checked_weights import checked_weights
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 
 
 def initial_weights(program: Program) -> dict[str, FloatArray]:

@@ -11,10 +11,9 @@ from backends.native.compile_kernel import Built
 from backends.native.kernel import Kernel
 from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
 from backends.native.variables import by_parameter, flat
-from compiler.differentiation.interpreted_products import interpreted_products
-from compiler.differentiation.interpreted_training import InterpretedTraining
+from compiler.differentiation.interpreted_training import InterpretedTraining, interpreted_products
 from compiler.differentiation.sensitivities import Sensitivities
-from compiler.interpreter.bounded_sums import Total
+from compiler.interpreter.bounded import Total
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.engines.kernel_trials import Weights, cases, compare

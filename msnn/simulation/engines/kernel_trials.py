@@ -14,8 +14,8 @@ import numpy as np
 
 from backends.files.disk_arrays import AT_ONCE
 from backends.native.compile_kernel import Built
-from compiler.interpreter.bounded_rollouts import Rollouts
-from compiler.ir.liveness import needed
+from compiler.interpreter.rounding import Rollouts
+from compiler.ir.nodes import needed
 from compiler.ir.ops import Clamp, Compare, Constant, Maximum, Minimum, ReadSignal
 from compiler.ir.program import Program, Role
 from msnn.data.dataset import BoolArray, FloatArray, IntArray

@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 
 from backends.files.c_compiler import CompilerMissingError
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs

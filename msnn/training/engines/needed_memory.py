@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.ir import ops
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.program import Program
 from msnn.data.starts import Runs
 from msnn.errors.learning.stages import much_memory

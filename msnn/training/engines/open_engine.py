@@ -24,7 +24,7 @@ from msnn.training.engines.second_order.levenberg_marquardt import LevenbergMarq
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
-from spec_schema.sections.training.optimizers import TorchOptimizer
+from spec_schema.sections.optimizers import TorchOptimizer
 
 if TYPE_CHECKING:
     from msnn.training.engines.torch.torch_engine import TorchEngine

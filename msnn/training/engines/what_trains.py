@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from backends.files.c_compiler import CompilerMissingError, find_compiler
 from msnn.errors.failures import MissingExtraError
 from msnn.packages import TORCH, ZIGLANG
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 
 _IN_TORCH = ("msnn.training.engines.torch.torch_engine", "torch._dynamo")
 """Modules imported with the first optimiser: torch then imports its compiler, 900 modules."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.nodes import needed, needed_over_time
 from compiler.ir.ops import ReadParameter, ReadSamples, ReadState, Window
 from compiler.ir.program import Graph, Program
 

@@ -8,7 +8,7 @@ from msnn.simulation.durations import samples
 from msnn.simulation.rollout_plan import RolloutPlan
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.training.training import Rollout
+from spec_schema.sections.training import Rollout
 
 
 @dataclass(frozen=True, slots=True)

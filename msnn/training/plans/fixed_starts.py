@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from compiler.ir.liveness import needed_over_time
+from compiler.ir.nodes import needed_over_time
 from compiler.ir.program import Declared, History, LayerMemory, Program, State, Tape
 from msnn.data.reads import reads
 from msnn.errors.learning import training

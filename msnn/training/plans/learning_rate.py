@@ -12,7 +12,7 @@ from msnn.errors.learning.stages import rate_beyond
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.training.schedules import Cosine, Exponential, Plateau, Step
+from spec_schema.sections.training import Cosine, Exponential, Plateau, Step
 
 Rule = Cosine | Exponential | Step | Plateau | None
 
@@ -53,7 +53,7 @@ def _kernel(name: str, *arguments: float) -> float:
     bits.
     """
     # `check` plans stages too, and asks for no rate
-    from compiler.kernels.evaluate import evaluate
+    from compiler.kernels.table import evaluate
 
     return float(evaluate(name, *(np.asarray(value, np.float64) for value in arguments)))
 

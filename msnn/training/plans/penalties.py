@@ -9,7 +9,7 @@ from compiler.ir.program import Parameter, Program
 from msnn.errors.learning import knowledge
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.sections.training.optimizers import OptimizerChoice
+from spec_schema.sections.optimizers import OptimizerChoice
 
 
 def with_reached_corners(

@@ -9,7 +9,7 @@ from compiler.ir.ops import Apply
 from compiler.ir.program import Measure, Program
 from msnn.errors.learning import second_order
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 
 _NOT_OF_SECOND_ORDER: Mapping[str, str] = {
     "batch": "each step takes all starts",

@@ -23,9 +23,9 @@ from msnn.training.ranks.training_ranks import TrainingRanks
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.names import no_parameter
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.training.optimizers import (
+from spec_schema.sections.optimizers import (
     Adam,
     AdamW,
     Lbfgs,
@@ -34,7 +34,7 @@ from spec_schema.sections.training.optimizers import (
     Sgd,
     TorchOptimizer,
 )
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 
 TOTAL = "total"
 """Name of the monitor that watches the weighted total."""

@@ -9,7 +9,7 @@ from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult
 from msnn.training.records.progress import StageEnd
 from spec_schema.fields.entry import Entry
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 
 
 def stage_record(plan: StagePlan) -> dict[str, object]:

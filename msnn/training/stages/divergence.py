@@ -8,8 +8,8 @@ import numpy as np
 
 from compiler.differentiation.interpreted_training import InterpretedTraining
 from compiler.differentiation.training_step import training_step
-from compiler.interpreter.bounded_rollouts import Rollouts
 from compiler.interpreter.interpreter import Interpreter
+from compiler.interpreter.rounding import Rollouts
 from compiler.ir import ops
 from compiler.ir.program import Node, NodeId, Program
 from msnn.data.dataset import Dataset, FloatArray

@@ -8,7 +8,7 @@ from msnn.errors.learning import knowledge
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.progress import EpochEnd
 from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.sections.training.optimizers import (
+from spec_schema.sections.optimizers import (
     Adam,
     AdamW,
     Lbfgs,

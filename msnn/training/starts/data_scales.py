@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from compiler.differentiation.interpreted_products import interpreted_products
+from compiler.differentiation.interpreted_training import interpreted_products
 from compiler.differentiation.sensitivities import sensitivities
-from compiler.interpreter.bounded_rollouts import Rollouts
+from compiler.interpreter.rounding import Rollouts
 from compiler.ir.program import Loss, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning import knowledge

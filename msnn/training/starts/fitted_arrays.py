@@ -7,10 +7,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.fit import Fit
-from compiler.ir.graph import Graph
 from compiler.ir.ops import ReadSignal
-from compiler.ir.program import Output, Program
+from compiler.ir.program import Fit, Graph, Output, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.starts.filter_equations import FilterStructure, UnbrokenRows

@@ -9,7 +9,7 @@ from typing import assert_never
 import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
-from spec_schema.sections.validation import Metric
+from spec_schema.sections.training import Metric
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from msnn.features.fixed_point.compile.lowering.intervals import bounds_near
 from msnn.features.fixed_point.compile.lowering.steepness import steepest
 from msnn.features.fixed_point.integers.interpret import evaluated

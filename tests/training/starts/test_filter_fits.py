@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.graph import Graph, Node
 from compiler.ir.ops import ReadSignal, ReadState, Reshape
-from compiler.ir.program import Program
-from compiler.ir.rules.verifier import InvalidProgram, verify
+from compiler.ir.program import Graph, Node, Program
 from compiler.ir.types import Axis, Prediction, Type
-from compiler.passes.simplify.drop_unused import drop_unused
+from compiler.ir.verifier import InvalidProgram, verify
+from compiler.passes.simplify import drop_unused
 from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import initial_weights

@@ -16,7 +16,7 @@ from backends.c.selftest.singles.trial_steps import TrialValues
 from backends.c_lowering.active_sums import sums_of_active_sets
 from compiler.interpreter.operations import repeated_batch
 from compiler.ir import ops
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.program import Expected, Graph, NodeId, Program
 from compiler.jacobian.matrices import Jacobian
 

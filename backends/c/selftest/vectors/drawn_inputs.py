@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from backends.c.interface.interface import InputField
 from backends.c_language.literals import Dtype
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.ops import Constant
 from compiler.ir.program import Program, Signal
 

@@ -15,7 +15,7 @@ from backends.c.selftest.vectors.drawn_inputs import (
     drawn_record,
 )
 from backends.c_language.literals import Dtype
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.program import Program
 
 Limits = tuple[float, float]

@@ -37,7 +37,7 @@ from backends.c.selftest.vectors.written_states import WrittenNumber, state_fiel
 from backends.c_lowering.active_sums import sums_of_active_sets
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Output, Program
-from compiler.jacobian.interpret import JacobianInterpreter
+from compiler.jacobian.jacobian import JacobianInterpreter
 
 Array = NDArray[Any]
 _ANYWHERE = StartPoint()

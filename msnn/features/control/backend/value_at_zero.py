@@ -9,12 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from compiler.ir import ops
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node
+from compiler.ir.builder import GraphBuilder, copy_node
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Type
-from compiler.jacobian.drop_zero_terms import known_number, without_zeros
-from compiler.passes.simplify.fold_constants import folded
+from compiler.jacobian.zeros import known_number, without_zeros
+from compiler.passes.simplify import folded
 
 Zeros = Mapping[str, tuple[bool, ...]]
 """For each state, by name, a mask of its elements that are 0, in C order."""

@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from compiler.hessian.interpret import DerivativeInterpreter
-from compiler.hessian.step_derivatives import next_value, step_derivatives
+from compiler.hessian.step_derivatives import DerivativeInterpreter, next_value, step_derivatives
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.liveness import reads_log
+from compiler.ir.nodes import reads_log
 from compiler.ir.program import History, Tape
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import by_name, vector_of

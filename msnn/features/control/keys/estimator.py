@@ -7,8 +7,7 @@ from pydantic import Field
 from msnn.features.control.keys.mpc import ControlSolver
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema as errors
-from spec_schema.fields.entry import Entry, OneOf, RefusedError
-from spec_schema.fields.named_tables import BySignal, SomeBySignal
+from spec_schema.fields.entry import BySignal, Entry, OneOf, RefusedError, SomeBySignal
 from spec_schema.fields.plain import reads
 from spec_schema.fields.quantities import (
     LARGEST_DEVIATION,

@@ -8,11 +8,9 @@ from msnn.features.control.errors import control as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema as schema_errors
 from spec_schema.expressions.tree import Expression
-from spec_schema.fields.entry import Entry, OneOf, RefusedError, findings_of
+from spec_schema.fields.entry import BySignal, Entry, Named, OneOf, RefusedError, findings_of
 from spec_schema.fields.formulas import EXPRESSION, ExpressionField, read_expression
-from spec_schema.fields.leaf import Gathering, JsonSchema, one_or_many
-from spec_schema.fields.located import Located
-from spec_schema.fields.named_tables import BySignal, Named
+from spec_schema.fields.leaf import Gathering, JsonSchema, Located, one_or_many
 from spec_schema.fields.plain import (
     ManyOf,
     NonNegativeNumber,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.liveness import reads_log
+from compiler.ir.nodes import reads_log
 from compiler.ir.program import History, Tape
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import by_name

@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from compiler.ir.liveness import extents, reads_log
+from compiler.ir.nodes import extents, reads_log
 from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import (
     Expected,

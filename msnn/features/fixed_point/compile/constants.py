@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.builder import GraphBuilder, copy_node, with_start, with_step
 from compiler.ir.ops import Constant, ReadParameter
 from compiler.ir.program import Graph, NodeId, Program
 from compiler.passes import run_passes

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.builder import GraphBuilder, copy_node, with_step
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Declared, NodeId, Program, Signal, State
 from compiler.ir.types import Type

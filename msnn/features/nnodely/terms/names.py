@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from spec_schema.expressions.language import BUILTINS, LOSS_FUNCTIONS
 from spec_schema.names import is_name, normalised, why_reserved
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from compiler.elaboration.part_members import PartMembers
+from compiler.elaboration.names import PartMembers
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Concat, Constant, Reshape
 from compiler.ir.program import NodeId
-from compiler.ir.rules.unit_rules import UnitConflict, same_unit
+from compiler.ir.rules import UnitConflict, same_unit
 from compiler.ir.types import Axis, Type, describe_axes, in_order
 from compiler.linking.link import LinkedPart
-from compiler.lowering.context import Context
+from compiler.lowering.context import Context, LoweringFailed, SolvedCall
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower_all
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.notes.solved_calls import SolvedCall
 from msnn.features.robots import errors
 from msnn.features.robots.dynamics.joints import RigidBodies
 from msnn.features.robots.dynamics.learned_masses import with_masses

@@ -22,11 +22,10 @@ from msnn.features.robots.urdf.robot import BASE_JOINTS, Body, BodyPoint, Robot
 from msnn.features.robots.urdf.urdf_file import Urdf, read_urdf
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
-from spec_schema.fields.located import Located
-from spec_schema.sections.part import PartRead, SpecAround
-from spec_schema.units.conversion import converted
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.submodels import PartRead, SpecAround
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.quantity import Quantity
+from spec_schema.units.quantity import Quantity, converted
 from spec_schema.units.unit import Unit
 from spec_schema.yaml_tree.nodes import Listing, Node, Positions, Scalar, Table
 

@@ -20,7 +20,7 @@ from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossErr
 from msnn.training.engines.own_series import own_series
 from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.sections.training.optimizers import (
+from spec_schema.sections.optimizers import (
     Adam,
     AdamW,
     Lbfgs,

@@ -43,7 +43,7 @@ from msnn.training.engines.second_order.squares import Squares, loss_sums_of
 from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import EstimatedStarts
-from spec_schema.sections.training.optimizers import LevenbergMarquardt
+from spec_schema.sections.optimizers import LevenbergMarquardt
 
 NAME = "levenberg_marquardt in physical units"
 """Name in checkpoints: the variables of bounded parameters are their physical values."""

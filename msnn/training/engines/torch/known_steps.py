@@ -14,7 +14,7 @@ from compiler.ir.program import Parameter
 from msnn.data.dataset import FloatArray
 from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.sections.training.optimizers import Adam, AdamW, Lbfgs, Sgd
+from spec_schema.sections.optimizers import Adam, AdamW, Lbfgs, Sgd
 
 
 def prior_total(plan: StagePlan, raws: Mapping[str, Tensor], spread: float) -> Tensor:

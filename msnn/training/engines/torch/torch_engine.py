@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from backends.torch_module.module import build_module
-from compiler.ir.scalars.slope_products import LARGEST_SLOPE
+from compiler.ir.slopes import LARGEST_SLOPE
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.dropout_masks import factors_of
@@ -22,7 +22,7 @@ from msnn.training.engines.torch.objectives import KernelObjective, TorchObjecti
 from msnn.training.engines.torch.torch_optimizers import torch_optimizer
 from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.sections.training.optimizers import (
+from spec_schema.sections.optimizers import (
     Adam,
     AdamW,
     Lbfgs,

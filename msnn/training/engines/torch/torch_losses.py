@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from backends.torch_module.module import Frame, TorchModel, Windows
-from compiler.ir.liveness import Extent, extents
+from compiler.ir.nodes import Extent, extents
 from compiler.ir.program import Loss, Measure, Program
 from msnn.data.dataset import BoolArray
 from msnn.data.starts import Runs

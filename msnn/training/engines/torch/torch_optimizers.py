@@ -12,7 +12,7 @@ from compiler.ir.program import Parameter
 from msnn.errors.learning import stages as errors
 from msnn.training.plans.torch_optimizer_options import TORCH_OPTIMIZERS
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.sections.training.optimizers import TorchOptimizer
+from spec_schema.sections.optimizers import TorchOptimizer
 
 
 def try_torch_optimizer(

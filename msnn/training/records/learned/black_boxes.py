@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from compiler.elaboration.named_values.layer_calls import rule_of
-from spec_schema.sections.layers.layer import Layer, LocalModel
+from compiler.elaboration.names import rule_of
+from spec_schema.sections.layers import Layer, LocalModel
 from spec_schema.sections.spec import Spec
 
 

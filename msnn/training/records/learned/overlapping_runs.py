@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from backends.gauss_newton_products import Products, StartBlocks
-from compiler.differentiation.compared_squares import compared_squares
 from compiler.differentiation.estimated_starts import (
     estimated_states,
     offset_parameter,
     with_moved_starts,
 )
+from compiler.differentiation.training_step import compared_squares
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray

@@ -17,7 +17,7 @@ from backends.c_language.printer import Printer
 from backends.c_language.rendering import GeneratedNames, render
 from backends.files.export_identity import with_identity
 from compiler.jacobian.matrices import Vector, vector_of
-from compiler.passes.simplify.inline_parameters import inline_parameters
+from compiler.passes.inline_parameters import inline_parameters
 from msnn.features.control.backend.estimation.filter_description import filter_description
 from msnn.features.control.backend.estimation.filter_fields import (
     FilterField,

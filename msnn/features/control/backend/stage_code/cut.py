@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 from compiler.hessian.step_derivatives import StepDerivatives
 from compiler.ir import ops
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node
-from compiler.ir.liveness import needed
+from compiler.ir.builder import GraphBuilder, copy_node
+from compiler.ir.nodes import needed
 from compiler.ir.program import Graph, NodeId
 
 _STRUCTURE = ops.Broadcast | ops.Reshape | ops.Identity | ops.Slice | ops.Concat

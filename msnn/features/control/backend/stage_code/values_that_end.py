@@ -12,9 +12,9 @@ import math
 from collections.abc import Iterable
 
 from compiler.ir import ops
-from compiler.ir.node_store import NodeStore
+from compiler.ir.infinite_values import InfiniteValues, Sign
+from compiler.ir.nodes import NodeStore
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.rules.infinite_values import InfiniteValues, Sign
 
 _BOUNDED = frozenset({"atan", "atan2", "tanh", "sigmoid", "sign"})
 _AS_LARGE = frozenset({"abs", "softplus", "sin", "cos"})

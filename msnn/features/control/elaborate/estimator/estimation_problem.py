@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import extents, parameters_read
+from compiler.ir.nodes import extents, parameters_read
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Output, Program, Tape
 from compiler.ir.types import WINDOW, Type
 from compiler.jacobian.matrices import Vector, vector_of
 from compiler.passes.close_loop import LoopError, close_loop
-from compiler.passes.simplify.drop_unused import drop_unused
+from compiler.passes.simplify import drop_unused
 from compiler.passes.to_step_form import to_step_form
 from msnn.features.control.errors import estimation as errors
 from msnn.features.control.errors.control import reversed_bound
@@ -27,8 +27,7 @@ from spec_schema.errors import time as times
 from spec_schema.errors import units
 from spec_schema.errors.states import not_closable
 from spec_schema.sections.spec import Spec
-from spec_schema.units.conversion import converted
-from spec_schema.units.quantity import Quantity
+from spec_schema.units.quantity import Quantity, converted
 from spec_schema.units.unit import Unit
 
 _KEPT = "estimator: "

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from compiler.ir.program import Program
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.sampling import Sampling
+from compiler.lowering.context import LoweringFailed, Sampling
 from msnn.features.control.elaborate.mpc.control_problem import ITERATIONS, TOLERANCE
 from msnn.features.control.elaborate.mpc.plausible import TOO_LONG, check_tolerance
 from msnn.features.control.errors import estimation as errors

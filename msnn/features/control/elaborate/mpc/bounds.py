@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeGuard
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.ops import Constant, ReadSignal, ReadState, Window
 from compiler.ir.program import Output, Program, Signal
 from compiler.ir.types import Type, describe_axes
@@ -20,9 +20,8 @@ from msnn.features.control.problem.optimal_control.window_form import signals_he
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import shapes, units
 from spec_schema.expressions.tree import Expression
-from spec_schema.units.conversion import converted
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.quantity import Quantity
+from spec_schema.units.quantity import Quantity, converted
 from spec_schema.units.unit import Unit
 
 _SECOND = parse_unit("s")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.types import Type
-from compiler.passes.simplify.drop_unused import drop_unused
+from compiler.passes.simplify import drop_unused
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
 
 _DRAWS = 16

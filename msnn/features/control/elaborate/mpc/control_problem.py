@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable
 
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Program
 from compiler.ir.types import describe_axes
 from compiler.jacobian.matrices import Vector, vector_of
 from compiler.linking.link import Linked
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.sampling import Sampling
+from compiler.lowering.context import LoweringFailed, Sampling
 from msnn.features.control.elaborate.mpc.bounds import control_limits, path_limits, scales_of
 from msnn.features.control.elaborate.mpc.control_program import control_program
 from msnn.features.control.elaborate.mpc.control_spec import (

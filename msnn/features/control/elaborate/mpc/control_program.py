@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.program import Graph, Output, Program
 from compiler.ir.types import Type
 from compiler.passes.close_loop import LoopError, close_loop
-from compiler.passes.simplify.drop_unused import drop_unused
+from compiler.passes.simplify import drop_unused
 from compiler.passes.to_step_form import to_step_form
 from msnn.features.control.elaborate.mpc.control_spec import STAGE, TERMINAL, ControlSpec
 from msnn.features.control.elaborate.mpc.dependence import signals_behind

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from compiler.linking.connected import Connected
-from compiler.linking.link import Linked
-from compiler.lowering.scope import Scope
+from compiler.linking.link import Connected, Linked
+from compiler.lowering.context import Scope
 from msnn.features.control.errors import control as errors
 from msnn.features.control.keys.mpc import ControlReference, OptimalControl
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import names
 from spec_schema.errors import time as times
 from spec_schema.expressions.tree import Expression, Name
-from spec_schema.fields.located import KeyAndValueSpan
+from spec_schema.fields.leaf import KeyAndValueSpan
 from spec_schema.sections.signals import Input, Output
 from spec_schema.sections.spec import Spec
 from spec_schema.units.quantity import Quantity

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from compiler.ir.liveness import needed, needed_over_time
+from compiler.ir.nodes import needed, needed_over_time
 from compiler.ir.ops import Apply, Compare, ReadSignal
 from compiler.ir.program import NodeId, Output, Program
 

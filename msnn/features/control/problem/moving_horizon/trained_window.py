@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
-from compiler.passes.simplify.inline_parameters import inline_parameters
+from compiler.passes.inline_parameters import inline_parameters
 from msnn.features.control.problem.moving_horizon.window_problem import WindowProblem
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
 from msnn.features.control.problem.optimal_control.trained import size_of_cost, trained

@@ -21,8 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from compiler.hessian.step_derivatives import next_value
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.builder import GraphBuilder, copy_node, with_step
 from compiler.ir.ops import ReadSignal, Relation
 from compiler.ir.program import (
     Declared,

@@ -20,8 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.jacobian.interpret import JacobianInterpreter
-from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.jacobian.matrices import Vector, by_name
 from msnn.features.control.problem.optimal_control.horizon import (
     Array,

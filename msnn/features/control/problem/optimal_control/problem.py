@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Literal
 
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.ops import ReadSignal, ReadState, Window
 from compiler.ir.program import History, NodeId, Program, Tape
 from compiler.ir.types import Type

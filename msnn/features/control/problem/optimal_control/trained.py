@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.passes.simplify.inline_parameters import inline_parameters
+from compiler.passes.inline_parameters import inline_parameters
 from msnn.features.control.problem.optimal_control.cost_scale import compared, cost_scale, drawn
 from msnn.features.control.problem.optimal_control.problem import ControlProblem, PathLimits
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import History, Program, Tape
 from compiler.jacobian.matrices import Vector

@@ -9,8 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.hessian.interpret import DerivativeInterpreter
-from compiler.hessian.step_derivatives import multiplier, next_value, step_derivatives
+from compiler.hessian.step_derivatives import (
+    DerivativeInterpreter,
+    multiplier,
+    next_value,
+    step_derivatives,
+)
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import Constant
 from compiler.ir.types import Type

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compiler.ir.ops import Relation
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from msnn.features.fixed_point.compile.lowering.forms import PolynomialForm
 from msnn.features.fixed_point.compile.lowering.settle import Settler
 from msnn.features.fixed_point.compile.lowering.steepness import furthest
