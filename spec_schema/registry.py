@@ -105,13 +105,13 @@ class SectionLine:
 SECTIONS = FeatureLines(
     SectionLine(
         "mpc",
-        LateEntry("msnn.features.control.keys.mpc", "OptimalControl"),
+        LateEntry("msnn.features.control.keys", "OptimalControl"),
         LateObject("msnn.features.control.sections", "MPC"),
         "The predictive controller whose plant is this model.",
     ),
     SectionLine(
         "estimator",
-        LateEntry("msnn.features.control.keys.estimator", "Estimator"),
+        LateEntry("msnn.features.control.keys", "Estimator"),
         LateObject("msnn.features.control.sections", "ESTIMATOR"),
         "How states that nobody measures are found while it runs.",
     ),
@@ -181,7 +181,7 @@ class TargetLine:
 TARGETS = FeatureLines(
     TargetLine(
         "mpc",
-        LateEntry("msnn.features.control.keys.export", "MpcExport"),
+        LateEntry("msnn.features.control.keys", "MpcExport"),
         LateObject("msnn.features.control.export.target", "TARGET"),
         "The controller of the `mpc` section as C99.",
         title="controllers",

@@ -1,4 +1,4 @@
-"""Defines the contents of an ASAP2 file about objects in the memory of generated C."""
+"""Describes numbers, arrays and tables in the memory of generated C for ASAP2 files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
+
+import numpy as np
+
+from compiler.ir import ops
+from compiler.ir.program import Graph, Node, NodeId, Parameter, Program
+from compiler.ir.types import UNNAMED, Type
 
 Struct: TypeAlias = Literal["params", "in", "out", "state", "calibration"]
 """A struct of the header, by the middle part of its type name."""
@@ -90,3 +96,83 @@ class CalibratedModel:
     """The memory segment of the parameters, if they have their own."""
     remark: str = ""
     """A remark for the head of the file."""
+
+
+def grids(program: Program) -> dict[str, Knots]:
+    """The axis points by name of the axis: ascending constants that a value is compared with.
+
+    The value is compared with the points or reduced by them, and does not have the axis itself. An
+    axis with two different lists is omitted.
+    """
+    graph = program.step
+    found: dict[str, set[Knots]] = {}
+    for _, node in graph:
+        if not isinstance(node.op, ops.Subtract | ops.Compare):
+            continue
+        # fuzzy sets and tables take the distance from points, or compare with them
+        value, points = (graph.unrepeated(arg) for arg in node.args)
+        at, kind = graph[points].op, graph[points].type
+        if not isinstance(at, ops.Constant) or len(kind.axes) != 1:
+            continue
+        axis = kind.axes[0]
+        # a value along the axis itself is no number that is looked up on it
+        if graph[value].type.axis(axis.name) is not None or not _ascends(at.values):
+            continue
+        unit = graph[value].type.unit
+        knots = Knots(at.values, "" if unit is None else unit.text, _looked_up(graph, value))
+        for name in _names_downstream(graph, points, axis.name):
+            found.setdefault(name, set()).add(knots)
+    # two lists of numbers along one axis: neither is told
+    return {name: next(iter(all)) for name, all in found.items() if len(all) == 1}
+
+
+def knots_of(parameter: Parameter, grids: dict[str, Knots]) -> tuple[Knots, ...]:
+    """The axis points of a curve or map with one or two axes; empty unless all axes have points."""
+    # an axis of one element, as that of a layer's only argument, moves nothing in memory
+    axes = [axis for axis in parameter.axes if axis.size > 1]
+    if not 1 <= len(axes) <= 2 or any(axis.name not in grids for axis in axes):
+        return ()
+    found = tuple(grids[axis.name] for axis in axes)
+    # one name may have two sizes, where layers cut an axis
+    fits = all(len(knots.values) == axis.size for knots, axis in zip(found, axes, strict=True))
+    return found if fits else ()
+
+
+def _ascends(values: tuple[float, ...]) -> bool:
+    return len(values) > 1 and bool(np.all(np.diff(values) > 0)) and bool(np.isfinite(values).all())
+
+
+def _looked_up(graph: Graph, node: NodeId) -> str | None:
+    """The scalar input or state that a value copies, ignoring shape and name; None for others."""
+    while isinstance(graph[node].op, ops.Broadcast | ops.Reshape | ops.Identity):
+        (node,) = graph[node].args
+    if graph[node].type.size != 1:
+        return None
+    match graph[node].op:
+        case ops.ReadSignal(name) | ops.ReadState(name):
+            return name
+        case _:
+            return None
+
+
+def _names_downstream(graph: Graph, first: NodeId, name: str) -> set[str]:
+    """All names that an axis has in values computed along it; unnamed axes are ignored."""
+    along: dict[NodeId, str] = {first: name}
+    for index, node in graph:
+        if index in along:
+            continue
+        for arg in node.args:
+            if arg in along and (new := _renamed(along[arg], graph[arg].type, node)) is not None:
+                along[index] = new
+                break
+    return set(along.values()) - {UNNAMED}
+
+
+def _renamed(name: str, before: Type, node: Node) -> str | None:
+    """The name of the axis in a result; None if the result lacks the axis."""
+    if isinstance(node.op, ops.Reshape):
+        if before.shape != node.type.shape:
+            return None
+        return node.type.axes[before.position(name)].name
+    kept = node.type.axis(name)
+    return name if kept is not None and kept == before.axis(name) else None

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import casadi
 
-from backends.casadi_function.columns import Expression
-from backends.casadi_function.lowering import Symbols, exact_arithmetic, lower_nodes
+from backends.casadi_function.lowering import Expression, Symbols, exact_arithmetic, lower_nodes
 from backends.casadi_function.options import Form
 from backends.ports.step_interface import Port, PortNames, port_names, step_interface
 from compiler.ir.program import Parameter, Program

@@ -7,14 +7,13 @@ from typing import Any, Literal
 import numpy as np
 
 from backends.c.folder.file_texts import model_texts
+from backends.c.folder.header_text import step_bits
 from backends.c.interface.interface import Interface
 from backends.c.interface.status import MEANING, StatusBit, status_macro
-from backends.c.interface.status_bits import step_bits
-from backends.c_language.comments import comment_text, string_literal
 from backends.c_language.literals import real_literal
-from backends.c_language.rendering import render
-from backends.fmu.description.variable import UnitVariables, Variable, VariableKind
-from backends.fmu.description.variables import FIRST, Weights
+from backends.c_language.rendering import comment_text, render, string_literal
+from backends.fmu.variable import UnitVariables, Variable, VariableKind
+from backends.fmu.variables import FIRST, Weights
 from compiler.ir.program import Program
 
 Version = Literal[2, 3]

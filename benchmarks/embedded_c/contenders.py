@@ -12,7 +12,7 @@ from by_hand import casadi_step, write_onnx_step
 import msnn
 from backends.c import COptions, write_c
 from backends.casadi_function.function import build_function
-from backends.onnx_model.files import write_onnx
+from backends.onnx_model.model import write_onnx
 from compiler.ir.program import Program
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros

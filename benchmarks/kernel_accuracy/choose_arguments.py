@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.c.selftest.kernel_cases import plain_points
+from backends.c.selftest.selftest_text import plain_points
 from benchmarks.kernel_accuracy.changed_constants import Site, changed_constants
 from benchmarks.mutation.digit_outcomes import shown_arguments
 from compiler.ir.scalars import SCALAR_FUNCTIONS

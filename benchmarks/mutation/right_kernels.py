@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from backends.native.kernel import Kernel
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+from backends.native.sensitivity_kernel import SensitivityKernel
 from benchmarks.mutation.random_stages import RandomStage, random_stage
 from compiler.differentiation.sensitivities import sensitivities
 from msnn.model.load import load_model

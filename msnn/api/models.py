@@ -25,10 +25,10 @@ OF_TEXT, OF_MAPPING = Path("text.msnn.yaml"), Path("mapping.msnn.yaml")
 
 if TYPE_CHECKING:
     from backends.torch_module.step_module import StepModule
-    from msnn.features.control.kalman.kalman_filter import KalmanFilter
+    from msnn.features.control.kalman_filter import KalmanFilter
     from msnn.features.control.run.controller import Controller
-    from msnn.features.control.run.estimation.moving_horizon import MovingHorizon
     from msnn.features.control.run.method import Solver
+    from msnn.features.control.run.moving_horizon import MovingHorizon
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
 

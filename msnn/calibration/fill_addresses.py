@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from backends.asap2.addresses import Symbol, epk, filled, linked
-from backends.c.host.struct_memory import NUMBERS
+from backends.c.host.library import NUMBERS
 from msnn.calibration.elf_variables import Instance, elf_variables
 from msnn.errors.targets import calibration as faults
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError

@@ -6,8 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from backends.native.kernel_cache.contents import CacheLimits, KeptKernel, clean, kept_kernels
-from backends.native.kernel_cache.folders import KernelFolder, cache_folder, kernel_folder
+from backends.native.kernel_cache import (
+    CacheLimits,
+    KeptKernel,
+    KernelFolder,
+    cache_folder,
+    clean,
+    kept_kernels,
+    kernel_folder,
+)
 from msnn.errors.learning.kernels import foreign_folder_is_not_cleaned
 from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError

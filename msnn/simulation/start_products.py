@@ -23,7 +23,7 @@ from msnn.simulation.rollout import moments
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 if TYPE_CHECKING:
-    from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+    from backends.native.sensitivity_kernel import SensitivityKernel
 
 Series = Mapping[str, FloatArray]
 Rows = Mapping[str, BoolArray]
@@ -79,7 +79,7 @@ class StartProducts:
         if self._kernel is not None:
             return self._kernel
         # jinja2 and the emitter are loaded only where kernels are made
-        from backends.native.rollouts.sensitivity_kernel import (
+        from backends.native.sensitivity_kernel import (
             SensitivityKernel,
             StackTooSmallError,
         )

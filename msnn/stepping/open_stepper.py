@@ -44,7 +44,7 @@ def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
     engine: StepEngine
     try:
         # jinja2 and the emitter are loaded only where something is compiled
-        from backends.native.exported.native_step import NativeStep
+        from backends.native.native_step import NativeStep
 
         engine = NativeStep(plan.program, interface, weights)
     except CompilerMissingError as error:

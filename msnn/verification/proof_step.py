@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from backends.files.compiler_words import complaints
+from backends.files.c_compiler import complaints
 from msnn.verification.tools import Tool
 
 Verdict = Literal["ok", "found", "missing", "left out", "not done"]

@@ -226,19 +226,18 @@ def test_rooms_of_what_a_spec_does_not_have_stay_closed(project: Path):
     said = in_new_process(("check", "plant.msnn.yaml"), project, start=_LISTED)
     loaded = set(said.err.splitlines())
     for closed in (
-        "msnn.features.control.elaborate.mpc",  # `mpc`
-        "msnn.features.control.elaborate.estimator",  # `estimator`
+        "msnn.features.control.elaborate",  # `mpc` and `estimator`
         "compiler.elaboration.implicit_integration",  # `integrator: linear_implicit`
         "compiler.elaboration.implicit_integration",
         "compiler.differentiation.reverse_mode",  # `grad`
         "compiler.layers.fir",
         "compiler.layers.local_model",
         "compiler.linking.renaming",  # `use`
-        "msnn.features.control.keys.estimator",
+        "msnn.features.control.keys",
         "spec_schema.sections.layer_kinds",
         "spec_schema.sections.layer_kinds",
         "spec_schema.sections.layer_kinds",
-        "msnn.features.control.keys.mpc",
+        "msnn.features.control.keys",
         "msnn.features.robots",
     ):
         assert not {name for name in loaded if f"{name}.".startswith(f"{closed}.")}

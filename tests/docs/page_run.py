@@ -26,7 +26,7 @@ from pathlib import Path
 
 import yaml
 
-from backends.native.kernel_cache.folders import cache_folder
+from backends.native.kernel_cache import cache_folder
 from tests.docs.blocks import Block
 from tests.docs.printed import compared
 from tests.docs.shell_grammar import wrong_in_shell

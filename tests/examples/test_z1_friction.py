@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from backends.native.rollouts import sensitivity_kernel
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel, StackTooSmallError
+from backends.native import sensitivity_kernel
+from backends.native.sensitivity_kernel import SensitivityKernel, StackTooSmallError
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.interpreter.interpreter import Interpreter

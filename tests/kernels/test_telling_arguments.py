@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from backends.c.selftest.kernel_cases import kernel_cases
+from backends.c.selftest.selftest_text import kernel_cases
 from benchmarks.kernel_accuracy.changed_constants import changed_constants
 from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.kernels.table import routine

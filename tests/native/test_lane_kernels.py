@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from backends.native.compile_kernel import compiled_kernel
-from backends.native.lanes.lane_kernels import lane_kernels
+from backends.native.lane_kernels import lane_kernels
 from compiler.kernels.table import KERNELS, evaluate
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
 from tests.conditions import require_tool

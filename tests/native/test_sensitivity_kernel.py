@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backends.gauss_newton_products import Products, joined_runs
 from backends.native.kernel import Kernel
-from backends.native.rollouts.sensitivity_kernel import STACK, SensitivityKernel, with_stack
+from backends.native.sensitivity_kernel import STACK, SensitivityKernel, with_stack
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.interpreter.interpreter import Interpreter

@@ -16,8 +16,8 @@ from unittest.mock import patch
 import numpy as np
 from fmpy import validation
 
-from backends.c.selftest import golden_singles
-from backends.c.selftest.text import selftest_text
+from backends.c.selftest import selftest_text
+from backends.c.selftest.singles import golden_singles
 from backends.fmu import binary
 from backends.native import compile_kernel
 from compiler.ir.program import Program

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.native.rollouts import rollout_kernel
-from backends.native.rollouts.rollout_source import RolloutSource
+from backends.native import rollout_kernel
+from backends.native.rollout_kernel import RolloutSource
 from compiler.ir.program import Program
 from msnn.api import measurements
 from msnn.data.dataset import FloatArray

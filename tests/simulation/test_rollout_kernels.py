@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backends.native.rollouts import rollout_kernel
+from backends.native import rollout_kernel
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from msnn.features.control.keys.estimator import Estimator
+from msnn.features.control.keys import Estimator
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.expressions.tree import (

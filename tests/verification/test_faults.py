@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.c.selftest.matrix_checksums import checksums
+from backends.c.selftest.golden_text import checksums
 from msnn.cli.application import run
 from msnn.verification.exported_c import read_exported_c
 from msnn.verification.host.fuzz import FuzzerFoundError, fuzz

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from backends.c.selftest.text.selftest_text import FROM_INIT
+from backends.c.selftest.selftest_text import FROM_INIT
 from compiler.kernels.table import KERNELS
 from msnn.cli.application import run
 from msnn.verification.exported_c import read_exported_c

@@ -29,7 +29,7 @@ def doctor(
     Versions, the C compiler, optional packages; what is missing with the line that installs it. All
     of it is optional but what comes with msnn. Where compiled kernels are kept and how many.
     """
-    from backends.native.kernel_cache.contents import CacheLimits
+    from backends.native.kernel_cache import CacheLimits
     from msnn.cli.console import json_result, note, report, result
     from msnn.project.installation import InstalledPart, installation, plugin_parts, plugin_values
     from msnn.project.kernels import cleaned_cache, kernel_cache

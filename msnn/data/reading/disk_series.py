@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from backends.files.disk_arrays import ArrayFile
-from backends.native.kernel_cache.folders import cache_folder
+from backends.native.kernel_cache import cache_folder
 from msnn.data.dataset import FloatArray
 from msnn.data.reading.part import FilePart
 

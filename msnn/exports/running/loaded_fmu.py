@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from backends.c.host.struct_memory import StateStruct
+from backends.c.host.library import StateStruct
 from backends.c.interface.interface import Interface
 from backends.c.interface.layout_metadata import layout_metadata
-from backends.fmu.description.variable import Variable, VariableKind
-from backends.fmu.description.variables import unit_variables
+from backends.fmu.variable import Variable, VariableKind
+from backends.fmu.variables import unit_variables
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 from msnn.agreement.judging.judgement import Arrays, Beginning

@@ -59,7 +59,7 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
 
 def _tell(plan: ExportPlan[COptions], folder: Path) -> str:
     """A sentence where the units do not run on this machine; else empty."""
-    from backends.fmu.archive import holds_binary
+    from backends.fmu.write_fmu import holds_binary
 
     paths = [folder / f"{plan.prefix}_fmi{version}.fmu" for version in (2, 3)]
     if all(holds_binary(path) for path in paths):

@@ -22,7 +22,7 @@ def _prepare(request: Request, entry: OnnxExport | None) -> ExportPlan[None] | N
 
 
 def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path, ...]:
-    from backends.onnx_model.files import write_onnx
+    from backends.onnx_model.model import write_onnx
 
     return write_onnx(plan.program, weights, folder, plan.prefix, plan.float_type)
 

@@ -24,7 +24,7 @@ def _prepare(request: Request, entry: TorchExport | None) -> ExportPlan[None] | 
 
 
 def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path, ...]:
-    from backends.torch_module.files import write_torch
+    from backends.torch_module.source import write_torch
 
     return write_torch(plan.program, weights, folder, plan.prefix, plan.float_type)
 

@@ -22,7 +22,7 @@ from msnn.agreement.judging.judgement import (
 )
 from msnn.data.dataset import FloatArray
 from msnn.features.fixed_point.compile.compile_integers import integer_program
-from msnn.features.fixed_point.deviation.exact_steps import LOST, ExactStepper
+from msnn.features.fixed_point.deviation import LOST, ExactStepper
 from msnn.features.fixed_point.golden.equalities import golden_equalities
 from msnn.features.fixed_point.integers.interpret import Words, reset, step
 from msnn.features.fixed_point.integers.program import (

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from backends.c.host.build import CompilerFailedError
-from backends.c.host.struct_memory import NUMBERS, StructMemory
+from backends.c.host.library import NUMBERS, StructMemory
 from compiler.differentiation.estimated_starts import estimated_states
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray

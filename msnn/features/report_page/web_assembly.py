@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from backends.c.host.build import CompilerFailedError
-from backends.files.c_compiler import zig_program
-from backends.files.run_compiler import CompilerTooSlowError, run_compiler
+from backends.files.c_compiler import CompilerTooSlowError, run_compiler, zig_program
 from msnn.packages import ZIGLANG
 from msnn.verification.builds.harness import TEMPLATES, write_harness
 from msnn.verification.exported_c import ExportedC

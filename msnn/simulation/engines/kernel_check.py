@@ -9,7 +9,7 @@ import numpy as np
 from backends.gauss_newton_products import Products, ProductsOfRuns
 from backends.native.compile_kernel import Built
 from backends.native.kernel import Kernel
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+from backends.native.sensitivity_kernel import SensitivityKernel
 from backends.native.variables import by_parameter, flat
 from compiler.differentiation.interpreted_training import InterpretedTraining, interpreted_products
 from compiler.differentiation.sensitivities import Sensitivities

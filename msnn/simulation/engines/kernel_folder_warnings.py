@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backends.native.kernel_cache.folders import KernelFolder
+from backends.native.kernel_cache import KernelFolder
 from msnn.errors.learning.kernels import foreign_kernels, unusable_kernel_folder
 from spec_schema.diagnostics.diagnostic import Diagnostic
 

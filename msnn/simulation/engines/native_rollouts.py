@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from backends.native.rollouts.rollout_kernel import RolloutKernel
+from backends.native.rollout_kernel import RolloutKernel
 from backends.native.variables import flat
 from compiler.differentiation.training_step import loss_terms
 from compiler.interpreter.bounded import Total, exact, unit_roundoff

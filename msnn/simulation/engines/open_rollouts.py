@@ -124,7 +124,7 @@ def _native(
     otherwise: Callable[[str, Exception], OpenedRollouts],
 ) -> OpenedRollouts:
     # jinja2 and the emitter are loaded only where kernels are made
-    from backends.native.kernel_cache.folders import kernel_folder
+    from backends.native.kernel_cache import kernel_folder
     from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
     from msnn.simulation.engines.kernel_trials import NO_FALLBACK
     from msnn.simulation.engines.native_rollouts import NativeRollouts

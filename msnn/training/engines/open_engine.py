@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from backends.files.c_compiler import CompilerMissingError
 from backends.files.disk_arrays import DiskArray
-from backends.native.kernel_cache.folders import kernel_folder
+from backends.native.kernel_cache import kernel_folder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.errors.disk_data import not_on_disk

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from backends.gauss_newton_products import Products
-from backends.native.handed_sums import Ranks, added_by
+from backends.native.kernel import Ranks, added_by
 from msnn.data.starts import Runs
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from backends.native.kernel_description import KernelDescription, kernel_description
+from backends.native.compile_kernel import KernelDescription, kernel_description
 from compiler.ir.program import Program
 from msnn.training.plans.stage_plan import StagePlan
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from backends.files.appended_file import AppendedFile
+from backends.files.atomic_write import AppendedFile
 
 
 class MetricsLog:

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from backends.files.appended_file import AppendedFile
+from backends.files.atomic_write import AppendedFile
 from msnn.data.dataset import FloatArray
 from msnn.packages import TENSORBOARD
 from msnn.training.records.progress import EpochEnd

@@ -8,8 +8,7 @@ import platform
 from contextlib import suppress
 from pathlib import Path
 
-from backends.native.kernel_cache.folders import candidates, opened
-from backends.native.kernel_cache.stored_kernel import StoredKernel
+from backends.native.kernel_cache import StoredKernel, candidates, opened
 from msnn.verification.builds.harness import TEMPLATES
 from msnn.verification.proof_step import run_tool
 from msnn.verification.tools import GCC

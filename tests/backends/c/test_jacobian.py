@@ -11,7 +11,7 @@ import pytest
 
 from backends.c import COptions, write_c
 from backends.c.interface.status import StatusBit
-from backends.c.selftest.vectors.golden_vectors import GoldenVectors
+from backends.c.selftest.golden_vectors import GoldenVectors
 from compiler.ir.program import Declared
 from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.passes.to_step_form import to_step_form

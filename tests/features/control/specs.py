@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import msnn
-from msnn.features.control.kalman.kalman_filter import KalmanFilter
+from msnn.features.control.kalman_filter import KalmanFilter
 from msnn.features.control.run.controller import Controller
 from msnn.features.control.run.method import Solver
 from msnn.model.model import Model

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
-from backends.c.interface.state_checks import StateCheck
+from backends.c.interface.status import StateCheck
 from backends.c.selftest.singles.trial_steps import TrialValues
-from backends.c_lowering.active_sums import sums_of_active_sets
+from backends.c_lowering.fuzzy_sets import sums_of_active_sets
 from compiler.interpreter.operations import repeated_batch
 from compiler.ir import ops
 from compiler.ir.nodes import needed

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from backends.c.functions.input_policy import limits
 from backends.c.interface.interface import InputField
+from backends.c.selftest.drawn_inputs import drawable, knots_of
 from backends.c.selftest.singles.trial_steps import Trials, TrialSteps
-from backends.c.selftest.vectors.drawn_inputs import drawable, knots_of
 from compiler.ir.program import State
 
 Array = NDArray[Any]

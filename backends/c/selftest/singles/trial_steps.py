@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import InputField, Interface
+from backends.c.selftest.golden_vectors import GoldenStart, state_fields
+from backends.c.selftest.reference_step import log_of_steps, with_checked
 from backends.c.selftest.singles.changed_operands import Change, ChangeableGraph
-from backends.c.selftest.vectors.golden_starts import GoldenStart
-from backends.c.selftest.vectors.log_of_steps import log_of_steps
-from backends.c.selftest.vectors.state_reference import with_checked
-from backends.c.selftest.vectors.written_states import state_fields
 from compiler.interpreter.operations import LeafValues, repeated_batch
 from compiler.ir.program import NodeId, Program, State
 

@@ -8,11 +8,16 @@ from backends.c.interface.structs import step_text
 from backends.c_language import tree as c
 from backends.c_language.places import Index
 from backends.c_language.scope import BlockScope, LocalNames
-from msnn.features.fixed_point.backend.checked_words import check_input, check_window, word_of
 from msnn.features.fixed_point.backend.helpers import FixedHelpers
 from msnn.features.fixed_point.backend.integer_nodes import IntegerLeafSource, IntegerNodes
-from msnn.features.fixed_point.backend.memories import MemoryWriter, element
-from msnn.features.fixed_point.backend.names import FixedNames
+from msnn.features.fixed_point.backend.memories import (
+    MemoryWriter,
+    check_input,
+    check_window,
+    element,
+    word_of,
+)
+from msnn.features.fixed_point.backend.structs import FixedNames
 from msnn.features.fixed_point.integers.interpret import FixedStatus, initial
 from msnn.features.fixed_point.integers.program import (
     ExpectedWords,

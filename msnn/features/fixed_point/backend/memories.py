@@ -1,4 +1,4 @@
-"""Writes how memories are initialised, filled with a first sample, and updated."""
+"""Writes initial values and updates of memories, and the treatment of words out of range."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from backends.c_language.scope import BlockScope
 from backends.c_lowering.sums import in_blocks
 from compiler.ir.types import Axis
 from msnn.features.fixed_point.backend.helpers import FixedHelpers
-from msnn.features.fixed_point.backend.integer_nodes import IntegerNodes
-from msnn.features.fixed_point.backend.loops import neighbours
-from msnn.features.fixed_point.backend.names import FixedNames
+from msnn.features.fixed_point.backend.integer_nodes import IntegerNodes, neighbours
+from msnn.features.fixed_point.backend.structs import FixedNames
 from msnn.features.fixed_point.integers.program import (
+    CheckedInput,
     IntegerMemory,
     IntegerNode,
     IntegerProgram,
     ReadMemory,
     ReadWord,
+    WordPort,
 )
 
 _BLOCK = 4
@@ -165,3 +166,78 @@ def _fits(memory: IntegerMemory, found: IntegerNode) -> bool:
 
 def _known(memory: IntegerMemory, value: int) -> c.Expression:
     return c.Integer(value) if memory.wide else c.Convert(c.CType.WORD, c.Integer(value))
+
+
+def word_of(port: WordPort, field: str, at: Index) -> c.Expression:
+    """The element at this index of the local variable with the words of a port."""
+    return element(c.Name(f"w_{field}"), port.axes, at)
+
+
+def check_window(
+    port: WordPort, field: str, report: c.Statement, helpers: FixedHelpers, scope: BlockScope
+) -> None:
+    """Limits the words of a window for `reset` to their range; `report` runs if one was outside."""
+    _check(port, c.Member("x0", field), field, None, (report, helpers, scope))
+
+
+def check_input(
+    entry: CheckedInput,
+    names: FixedNames,
+    report: c.Statement,
+    helpers: FixedHelpers,
+    scope: BlockScope,
+) -> None:
+    """Checks the words of an input for `step`; `report` runs if one is out of range."""
+    port, field = entry.port, names.inputs[entry.port.name]
+    held = names.held.get(port.name)
+    kept = None if held is None else c.Member("s", held)
+    _check(port, c.Member("u", field), field, kept, (report, helpers, scope))
+
+
+def _check(
+    port: WordPort,
+    given: c.Expression,
+    field: str,
+    held: c.Expression | None,
+    writing: tuple[c.Statement, FixedHelpers, BlockScope],
+) -> None:
+    report, helpers, scope = writing
+    local = f"w_{field}"
+    if port.axes:
+        scope.add(c.Declare(c.CType.WORD, local, size=port.size))
+        with scope.loop(port.size) as (along, inner):
+            # the local is what the step reads: the caller's struct is const and may be shared by
+            # models
+            word = word_of(port, field, along)
+            raw = c.Element(given, along.expression())
+            inner.assign(word, _limited(raw, port, helpers))
+            kept = None if held is None else c.Element(held, along.expression())
+            _replace(word, raw, kept, report, inner)
+        return
+    limited = _limited(given, port, helpers)
+    scope.add(c.Declare(c.CType.WORD, local, limited, constant=held is None))
+    _replace(c.Name(local), given, held, report, scope)
+
+
+def _replace(
+    word: c.Expression,
+    raw: c.Expression,
+    held: c.Expression | None,
+    report: c.Statement,
+    scope: BlockScope,
+) -> None:
+    """Reports a word that was limited. With the policy `hold`, the last valid word replaces it."""
+    inner = scope.inner()
+    if held is not None:
+        inner.assign(word, held)
+    inner.add(report)
+    scope.add(c.If(c.Binary("!=", word, raw), tuple(inner.statements)))
+    if held is not None:
+        # in any case: a valid word is what the next step holds, an invalid one was replaced by it
+        scope.assign(held, word)
+
+
+def _limited(raw: c.Expression, port: WordPort, helpers: FixedHelpers) -> c.Expression:
+    return c.Convert(
+        c.CType.WORD, helpers.limited(c.Convert(c.CType.SUM, raw), port.low, port.high)
+    )

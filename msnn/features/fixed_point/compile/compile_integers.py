@@ -3,43 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from numpy.typing import NDArray
 
 from compiler.ir.nodes import extents, reads_log
 from compiler.ir.ops import ReadLog, ReadSignal, Window
-from compiler.ir.program import (
-    Expected,
-    History,
-    Node,
-    Output,
-    Program,
-    Signal,
-    State,
-)
+from compiler.ir.program import Expected, History, Node, Output, Program, Signal, State
 from compiler.ir.types import WINDOW, Axis
 from msnn.features.fixed_point import errors
 from msnn.features.fixed_point.compile.constants import finite, with_numbers, word_format
 from msnn.features.fixed_point.compile.invariants import proved_bounds
-from msnn.features.fixed_point.compile.lowering.lower_graph import (
+from msnn.features.fixed_point.compile.lower_graph import (
     Elements,
     Lowering,
     UnsupportedError,
     elements,
 )
-from msnn.features.fixed_point.compile.step_errors import start_errors, step_errors
-from msnn.features.fixed_point.integers.builder import CannotFitError
-from msnn.features.fixed_point.integers.drop_unused import without_unused
+from msnn.features.fixed_point.integers.builder import CannotFitError, IntegerBuilder
 from msnn.features.fixed_point.integers.program import (
     CheckedInput,
     ExpectedWords,
     IntegerMemory,
     IntegerProgram,
     ReadWord,
+    StepError,
     Width,
     WordPort,
+    without_unused,
 )
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -328,3 +320,39 @@ def _expected_words(entry: Expected, step: Lowering) -> ExpectedWords:
         low=tuple(limits[node][0] for node in outside),
         high=tuple(limits[node][1] for node in outside),
     )
+
+
+def step_errors(
+    program: Program,
+    builder: IntegerBuilder,
+    outputs: Sequence[tuple[WordPort, tuple[int, ...]]],
+    memories: Sequence[IntegerMemory],
+) -> Iterator[StepError]:
+    """The error of the worst element of each output and state, from the errors of the nodes."""
+    for port, nodes in outputs:
+        worst = max(builder.errors[node] for node in nodes)
+        yield StepError(port.name, is_state=False, largest=worst)
+    for memory in memories:
+        state = program.state(memory.name)
+        error = max(builder.errors[node] for node in memory.next)
+        if memory.restarts and _may_leave(builder, memory, error):
+            error = math.inf  # one of the two may start anew
+        limits = None if state.is_buffer else finite(state.range)
+        if limits is not None:  # both are kept within their limits, which are rounded
+            ends = zip(limits, (memory.low, memory.high), strict=True)
+            error = max(error, *(abs(a - math.ldexp(b, -memory.fraction)) for a, b in ends))
+        yield StepError(memory.name, is_state=True, largest=error)
+
+
+def start_errors(builder: IntegerBuilder, memories: Sequence[IntegerMemory]) -> Iterator[StepError]:
+    """The error of the worst element of each first state, limited to the range of its words."""
+    for memory in memories:
+        worst = max(builder.errors[node] for node in memory.start)
+        yield StepError(memory.name, is_state=True, largest=worst)
+
+
+def _may_leave(builder: IntegerBuilder, memory: IntegerMemory, error: float) -> bool:
+    """True if the exact next value of a memory may be outside its range."""
+    following = [builder[node] for node in memory.next]
+    room = min(min(n.low - memory.low, memory.high - n.high) for n in following)
+    return math.ldexp(room, -memory.fraction) <= error

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from compiler.ir.ops import Clamp, Constant
 from compiler.ir.program import Graph, Node, NodeId, Program, State
 from msnn.features.fixed_point.compile.constants import word_format
-from msnn.features.fixed_point.compile.lowering.forms import PolynomialForm
-from msnn.features.fixed_point.compile.lowering.lower_graph import (
+from msnn.features.fixed_point.compile.forms import PolynomialForm
+from msnn.features.fixed_point.compile.lower_graph import (
     Elements,
     Lowering,
     UnsupportedError,

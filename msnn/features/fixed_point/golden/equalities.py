@@ -11,7 +11,6 @@ import numpy as np
 
 from compiler.ir.ops import Relation
 from msnn.features.fixed_point.golden.golden import GoldenWords, answered, drawn
-from msnn.features.fixed_point.integers.drop_unused import reached
 from msnn.features.fixed_point.integers.interpret import IntegerState, evaluated, reset, step
 from msnn.features.fixed_point.integers.program import (
     Choose,
@@ -20,6 +19,7 @@ from msnn.features.fixed_point.integers.program import (
     ReadMemory,
     ReadWord,
     WordPort,
+    reached,
 )
 
 _MOST_RUNS = 6

@@ -9,7 +9,6 @@ from typing import TypeAlias
 import numpy as np
 
 from msnn.features.fixed_point.golden.golden import drawn
-from msnn.features.fixed_point.integers.drop_unused import reached
 from msnn.features.fixed_point.integers.interpret import IntegerState, evaluated, initial, step
 from msnn.features.fixed_point.integers.program import (
     Choose,
@@ -20,6 +19,7 @@ from msnn.features.fixed_point.integers.program import (
     ReadMemory,
     ReadWord,
     Smaller,
+    reached,
 )
 
 _MOST = 160

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from backends.files.c_compiler import CompilerMissingError
-from backends.native.rollouts.sensitivity_kernel import StackTooSmallError
+from backends.native.sensitivity_kernel import StackTooSmallError
 from msnn.errors.learning import kernels
 from msnn.errors.learning import training as errors
 from msnn.simulation.engines.kernel_trials import NO_FALLBACK, WrongKernelError

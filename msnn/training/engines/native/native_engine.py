@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from backends.native.kernel import Kernel
-from backends.native.kernel_data import KernelData
-from backends.native.lanes.lane_groups import Groups
+from backends.native.kernel_data import Groups, KernelData
 from backends.native.variables import Method, Rule
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from backends.gauss_newton_products import Products, ProductsOfRuns, joined_runs
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+from backends.native.sensitivity_kernel import SensitivityKernel
 from backends.native.variables import flat
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares

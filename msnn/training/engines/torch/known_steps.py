@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from backends.known_terms import approached
-from backends.torch_module.parameters import physical_value
+from backends.torch_module.module import physical_value
 from compiler.ir.program import Parameter
 from msnn.data.dataset import FloatArray
 from msnn.training.plans.known_terms_of_stage import known_of

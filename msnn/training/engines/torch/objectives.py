@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from backends.native.kernel import Kernel
-from backends.native.kernel_data import KernelData
-from backends.native.lanes.lane_groups import Groups
+from backends.native.kernel_data import Groups, KernelData
 from backends.torch_module.module import TorchModel
 from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Measure

@@ -1,1 +1,0 @@
-"""Splits the computation of a kernel into phases, and groups sums."""

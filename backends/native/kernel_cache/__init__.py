@@ -1,1 +1,0 @@
-"""Caches built kernels: chooses the folder, detects damaged files, removes old kernels."""

@@ -1,1 +1,0 @@
-"""The self-test of fixed-point C, and the test vectors of its host program."""
