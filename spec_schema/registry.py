@@ -287,7 +287,7 @@ VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
 )
 """The kinds of exports that `msnn verify` checks besides the C of a model, each a
-`msnn.verification.verified_export.VerifiedExport`."""
+`msnn.verification.verify.VerifiedExport`."""
 
 
 def with_keys(

@@ -19,9 +19,9 @@ from compiler.ir.nodes import needed
 from compiler.ir.program import Program
 from compiler.ir.types import Type
 from msnn.cli.application import run
-from msnn.features.robots.dynamics.learned_masses import with_masses
 from msnn.features.robots.dynamics.members import forward_dynamics
 from msnn.features.robots.dynamics.numbers import SignedNode
+from msnn.features.robots.dynamics.rigid_bodies import with_masses
 from msnn.model.load import load_model
 from spec_schema.reading.reader import read_spec
 

@@ -14,9 +14,8 @@ import typer
 
 from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
-from msnn.cli.manners import NOW, forget_manners, terminal_width, with_manners
-from msnn.cli.verb_command import VerbCommand
-from msnn.cli.verb_group import VerbGroup, plugin_with_verb
+from msnn.cli.output_options import NOW, forget_manners, terminal_width, with_manners
+from msnn.cli.verb_group import VerbCommand, VerbGroup, plugin_with_verb
 from msnn.errors.failures import ReaderGoneError
 from msnn.tables import LINE_WIDTH
 from spec_schema.plugins import Plugin
@@ -122,7 +121,7 @@ def _ended_writing(path: Path, results: Sequence[str]) -> int:
     try:
         write_text(path, "".join(f"{text}\n" for text in results))
     except OSError as error:
-        from msnn.cli.answer import answer
+        from msnn.cli.console import answer
 
         return answer(error)
     return ExitCode.OK
@@ -146,7 +145,7 @@ def _ended(arguments: Sequence[str]) -> int:
         # a library that was interrupted may raise an error of its own, which then is no bug
         if is_interrupt(error):
             return _tell_of_interrupt()
-        from msnn.cli.answer import answer
+        from msnn.cli.console import answer
 
         code = answer(error)
         if NOW.is_verbose:

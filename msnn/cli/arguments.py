@@ -9,7 +9,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from msnn.cli.manners import NOW
+from msnn.cli.output_options import NOW
 
 SpecFile: TypeAlias = Annotated[
     Path,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from compiler.ir.program import UsedPlugin, with_plugins
-from msnn.agreement.loaded import Loaded
+from msnn.agreement.judgement import Loaded
 from msnn.errors import commands
+from msnn.errors.commands import foreign_file
 from msnn.errors.failures import NotRunHereError
 from msnn.exports.table import NAMES, ListedTarget, listed, names_for
 from msnn.exports.target import AnyPlan, AnyTarget, Request, Weights, Written
@@ -114,7 +115,6 @@ def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
     the dtype.
     """
     from backends.files.atomic_write import replacing_files  # `check` plans exports without it
-    from msnn.exports.foreign_files import spare_foreign_files
 
     own = plan.of(weights)
     if plan.dtype == "float32":
@@ -177,3 +177,24 @@ def load_export(plan: AnyPlan, written: Written) -> AbstractContextManager[Loade
     if plan.target.load is None:
         raise NotRunHereError(name, "nothing here runs what it writes")
     return plan.target.load(plan, written)
+
+
+_READ = 1 << 20
+"""Number of bytes of a file that are searched for the sign."""
+_SIGN = b"msnn"
+"""A text in comments and descriptions of msnn; at least one file of each export contains it."""
+
+
+def spare_foreign_files(places: Iterable[Path], sign: bytes = _SIGN) -> None:
+    """Raises SpecError (E1054) if these files exist and none of them contains the sign.
+
+    An existing export is replaced as a whole, including manual changes.
+    """
+    there = [path for path in places if path.is_file()]
+    if there and not any(sign in _beginning(path) for path in there):
+        raise SpecError([foreign_file(str(there[0]))])
+
+
+def _beginning(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(_READ)

@@ -378,7 +378,7 @@ def test_plots_draw_over_the_time_of_the_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from msnn.reports import plotting
-    from msnn.reports.pictures.simulation import plot_simulation
+    from msnn.reports.simulation_plots import plot_simulation
 
     write(tmp_path, "a.csv", log(40))
     plant = model(tmp_path, "{source: {train: a.csv}, time: t, split: {by: fraction, val: 0.25}}")

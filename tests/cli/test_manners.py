@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.cli import manners
+from msnn.cli import output_options
 from msnn.cli.application import VERBS
 from msnn.tables import LINE_WIDTH, table_text
 from tests.cli.command_line import CommandLine, in_new_process
@@ -181,10 +181,10 @@ def test_a_table_that_is_wider_than_the_terminal_goes_on_below():
 
 def test_tables_are_folded_on_terminals_alone(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.stdout", io.StringIO())
-    assert manners.terminal_width() is None
+    assert output_options.terminal_width() is None
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
     monkeypatch.setenv("COLUMNS", "72")
-    assert manners.terminal_width() == 72
+    assert output_options.terminal_width() == 72
 
 
 def test_a_shell_completes_verbs_and_options(tmp_path: Path):

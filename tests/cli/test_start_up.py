@@ -110,8 +110,7 @@ _NOT_WHOLE = {
         "kept_slices",
         "saturation",
     },
-    "msnn.agreement": {"agreement", "faults", "loaded"},
-    "msnn.agreement.judging": {"judgement", "record"},
+    "msnn.agreement": {"agreement", "judgement"},
     "msnn.data": {"dataset", "reads", "scored", "starts"},
     "msnn.data.formats": {"table_of_formats"},
     "msnn.data.reading": {"file_sets"},
@@ -300,7 +299,7 @@ def test_what_looks_reads_no_metadata_of_distributions(project: Path, verb: str)
 
 _ASKED_LATER = """
 import sys
-from msnn.project.late_metadata import load_metadata_when_asked
+from msnn.project.imports import load_metadata_when_asked
 load_metadata_when_asked()
 from importlib.metadata import entry_points
 import importlib.metadata

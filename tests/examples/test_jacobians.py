@@ -12,8 +12,8 @@ from compiler.ir.program import Program
 from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.jacobian.matrices import Matrix
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judge import Arrays, judge
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judge import Arrays, judge
+from msnn.agreement.judgement import drawn_record
 from msnn.exports.export import plan_exports
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import Findings

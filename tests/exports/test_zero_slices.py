@@ -22,11 +22,11 @@ from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_exports
 from msnn.exports.export import plan_exports, target_names, write_export
 from msnn.exports.table import NAMES
-from msnn.features.comparison.cost import c_cost
+from msnn.features.comparison.trial import c_cost
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.reports.run_summary import read_run, run_text
-from msnn.verification.tools import ARM_GCC, ARM_QEMU, GCC
+from msnn.verification.proof_step import ARM_GCC, ARM_QEMU, GCC
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import miss, require_tool
 

@@ -13,7 +13,7 @@ from msnn.api.models import load
 from msnn.cli.application import run
 from msnn.exports.export import target_names
 from msnn.exports.table import NAMES
-from msnn.features.changes.export_changes import export_changes
+from msnn.features.changes.interface_changes import export_changes
 from msnn.reports.compare_specs import compare_specs
 from spec_schema import plugins
 from tests.extending.conftest import Install

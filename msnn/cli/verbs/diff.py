@@ -56,8 +56,14 @@ def diff(
     `--fail-on` is found, 3 when that is only a metric.
     """
     from msnn.api.changes import changes
-    from msnn.cli.console import json_result, progress_stream, report, result, spare_files_of
-    from msnn.cli.step_progress import StepProgress
+    from msnn.cli.console import (
+        StepProgress,
+        json_result,
+        progress_stream,
+        report,
+        result,
+        spare_files_of,
+    )
     from msnn.features.changes.model_changes import FailOn
     from msnn.features.changes.report import (
         changes_markdown,
@@ -91,7 +97,7 @@ def diff(
     # what is wrong is wrong with the new one: places are shown in its text
     report(failures(found, wanted, share), models[1].sources)
     if summary is not None:
-        from msnn.cli.summary import append_summary
+        from msnn.cli.console import append_summary
 
         append_summary(summary, changes_markdown(found, share))
     if format is ResultFormat.JSON:

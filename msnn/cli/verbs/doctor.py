@@ -31,8 +31,14 @@ def doctor(
     """
     from backends.native.kernel_cache import CacheLimits
     from msnn.cli.console import json_result, note, report, result
-    from msnn.project.installation import InstalledPart, installation, plugin_parts, plugin_values
-    from msnn.project.kernels import cleaned_cache, kernel_cache
+    from msnn.project.installation import (
+        InstalledPart,
+        cleaned_cache,
+        installation,
+        kernel_cache,
+        plugin_parts,
+        plugin_values,
+    )
     from msnn.tables import table_text
     from spec_schema.plugins import look_up
 

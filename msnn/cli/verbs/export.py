@@ -68,8 +68,8 @@ def export(
     code 3 when one of them computes something else than the interpreter.
     """
     from msnn.cli.console import json_result, note, report, report_model, result
+    from msnn.exports.describe import left_out
     from msnn.exports.export import plan_exports, writable_targets, write_export
-    from msnn.exports.left_out import left_out
     from msnn.exports.target import AnyPlan, Written
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from msnn.cli.exit_codes import ExitCode
-from msnn.cli.manners import STANDARD_OUTPUT
+from msnn.cli.output_options import STANDARD_OUTPUT
 
 if TYPE_CHECKING:
     from spec_schema.diagnostics.source import SourceText

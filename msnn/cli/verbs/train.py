@@ -120,7 +120,7 @@ def _train(
         training_record,
         zeros_note,
     )
-    from msnn.terminals import is_live
+    from msnn.tables import is_live
     from msnn.training.records.progress import Lines, LinesOfStages
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
     from spec_schema.diagnostics.diagnostic import SpecError

@@ -73,9 +73,7 @@ def verify(
         verification_text,
         verification_values,
     )
-    from msnn.verification.serve_files import write_serve_files
-    from msnn.verification.verified_export import WantedSteps
-    from msnn.verification.verify import TARGETS
+    from msnn.verification.verify import TARGETS, WantedSteps, write_serve_files
     from msnn.verification.verify import verify as verify_export
 
     names = ["host"] if targets is None else words_of(targets)

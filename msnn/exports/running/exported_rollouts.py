@@ -15,7 +15,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judge import beginning_at, inputs_at
+from msnn.agreement.judge import beginning_at, inputs_at
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
 from msnn.errors.targets import engines

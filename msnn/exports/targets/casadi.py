@@ -18,8 +18,14 @@ from compiler.ir.program import NodeId, Program
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix
 from compiler.passes.smooth_kinks import Kink, kinks, sharp_kinks, smooth_kinks
-from msnn.agreement.judging.judgement import Arrays, Beginning
-from msnn.agreement.loaded import ExportedSlopes, Loaded, loaded_by_steps, stacked
+from msnn.agreement.judgement import (
+    Arrays,
+    Beginning,
+    ExportedSlopes,
+    Loaded,
+    loaded_by_steps,
+    stacked,
+)
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written

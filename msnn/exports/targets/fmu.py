@@ -11,7 +11,7 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
-from msnn.agreement.loaded import Loaded
+from msnn.agreement.judgement import Loaded
 from msnn.errors.failures import UnfitCompilerError
 from msnn.exports.prepare import MOST_ENTRIES, c_options, name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written, bits_in_single

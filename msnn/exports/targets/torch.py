@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from msnn.agreement.judging.judgement import Arrays, Beginning
-from msnn.agreement.loaded import Loaded, loaded_by_steps
+from msnn.agreement.judgement import Arrays, Beginning, Loaded, loaded_by_steps
 from msnn.exports.prepare import float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from spec_schema.sections.exports import TorchExport

@@ -9,8 +9,7 @@ from typing import Any
 
 from msnn.errors.data.lists import listed
 from msnn.features.changes.errors import breaking_change, worse_metric
-from msnn.features.changes.metric_changes import MetricChange
-from msnn.features.changes.model_changes import FailOn, ModelChanges
+from msnn.features.changes.model_changes import FailOn, MetricChange, ModelChanges
 from msnn.reports.compare_specs import SpecDifference
 from msnn.tables import Table, count
 from spec_schema.diagnostics.diagnostic import Diagnostic

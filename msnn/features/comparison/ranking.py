@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msnn.features.comparison.errors import comparison as errors
+from msnn.features.comparison import errors
 from msnn.features.comparison.variants import Variant
 from msnn.training.records.run_log import Measured, RunLine
 from spec_schema.diagnostics.diagnostic import SpecError

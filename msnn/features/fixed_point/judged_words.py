@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
-from msnn.agreement.judging.judgement import (
+from msnn.agreement.judgement import (
     Arrays,
     Beginning,
     Judgement,

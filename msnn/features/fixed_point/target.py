@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 
 from compiler.ir.program import Declared, State
 from compiler.passes.limit_expected import limit_expected
-from msnn.agreement.judging.judgement import Arrays, Beginning, Judgement, NumberType, Promise
-from msnn.agreement.judging.record import AgreementRecord
-from msnn.agreement.loaded import Loaded
+from msnn.agreement.judgement import (
+    AgreementRecord,
+    Arrays,
+    Beginning,
+    Judgement,
+    Loaded,
+    NumberType,
+    Promise,
+)
 from msnn.exports.prepare import name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written, interpreted
 from msnn.features.fixed_point.errors import (

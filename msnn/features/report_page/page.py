@@ -17,12 +17,16 @@ from markupsafe import Markup, escape
 import templates
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.features.report_page import tables
-from msnn.features.report_page.charts import MOST_MEASUREMENTS, error_charts, training_charts
-from msnn.features.report_page.equations import equations
-from msnn.features.report_page.functions import function_charts
+from msnn.features.report_page.charts import (
+    MOST_MEASUREMENTS,
+    error_charts,
+    function_charts,
+    training_charts,
+)
 from msnn.features.report_page.live import LiveModel, NotLive, linear_inputs
 from msnn.features.report_page.packing import Plain
 from msnn.features.report_page.records import Ports, Records, records
+from msnn.features.report_page.tables import equations
 from msnn.model.learned_numbers import learned_numbers
 from msnn.model.model import Model
 from msnn.model.needed_plugins import plugins_text, recorded_plugins

@@ -10,7 +10,7 @@ import pytest
 
 import msnn as api
 from backends.files import atomic_write
-from msnn.features.comparison.draws import Draws, draw_axes
+from msnn.features.comparison.variants import Draws, draw_axes
 from msnn.project.new_project import new_project
 from msnn.training.records.run_log import LOG, read
 from msnn.training.records.safekeeping import Safekeeping

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.agreement.faults import FarStep, SelfTestFails
+from msnn.agreement.agreement import FarStep, SelfTestFails
 from msnn.exports.export import plan_exports, write_export
 from msnn.exports.running.built_c import built_folder
 from msnn.features.control.export.judged_estimator import compare_horizon

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from backends.c.host.build import build_library
-from msnn.agreement.faults import SelfTestFails
+from msnn.agreement.agreement import SelfTestFails
 from msnn.features.control.backend import write_controller
 from msnn.features.control.export.judged_controller import compare_controller
 from msnn.features.control.problem.optimal_control import ControlProblem

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from compiler.ir.ops import Relation
-from msnn.agreement.faults import BeyondProof
+from msnn.agreement.agreement import BeyondProof
 from msnn.exports.export import write_export
 from msnn.features.fixed_point.compile.compile_integers import integer_program
 from msnn.features.fixed_point.compile.elementwise import ElementwiseForms

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from compiler.ir.ops import Relation
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import BeyondProof, beyond_proof
-from msnn.agreement.judging.judgement import Proof
+from msnn.agreement.agreement import Agreement, BeyondProof, beyond_proof
+from msnn.agreement.judgement import Proof
 from msnn.agreement.report import AgreementReport, agreement_diagnostics
 from msnn.features.fixed_point.compile import compile_integers
 from msnn.features.fixed_point.compile.elementwise import ElementwiseForms

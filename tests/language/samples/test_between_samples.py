@@ -15,7 +15,7 @@ import msnn
 from compiler.ir.text import program_text
 from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.judgement import FloatType
 from msnn.data.starts import reach
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights

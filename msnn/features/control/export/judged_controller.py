@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Member
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import Fault, NotOptimal, SelfTestFails
-from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.agreement import Agreement, Fault, NotOptimal, SelfTestFails
+from msnn.agreement.judgement import FloatType
 from msnn.exports.target import Weights
 from msnn.features.control.backend.constants import reachable
 from msnn.features.control.backend.inputs import SeriesField, input_fields

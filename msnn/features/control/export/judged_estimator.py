@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import FarStep, Fault, SelfTestFails
-from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.agreement import Agreement, FarStep, Fault, SelfTestFails
+from msnn.agreement.judgement import FloatType
 from msnn.exports.target import Weights
 from msnn.features.control.backend.constants import reachable
 from msnn.features.control.backend.golden_filter import golden_steps

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.fmu.variable import Variable, VariableKind
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import other_bits
-from msnn.agreement.judging.judgement import FloatType
-from msnn.exports.running.fmu_instance import FmuInstance, fmu_instance
+from msnn.agreement.agreement import Agreement, other_bits
+from msnn.agreement.judgement import FloatType
+from msnn.exports.running.loaded_fmu import FmuInstance, fmu_instance
 from msnn.exports.target import Weights
 from msnn.features.control.backend.golden_filter import golden_steps
 from msnn.features.control.backend.library import ControllerLibrary, FilterLibrary

@@ -12,9 +12,9 @@ from msnn.features.control.verification.exported_controller import (
     read_exported_controller,
 )
 from msnn.features.control.verification.host import no_proof, online_fuzz_check, online_host_checks
-from msnn.verification.host.host_checks import misra_check
+from msnn.verification.host_checks import misra_check
 from msnn.verification.proof_step import ProofStep
-from msnn.verification.verified_export import VerifiedExport, WantedSteps
+from msnn.verification.verify import VerifiedExport, WantedSteps
 
 
 def _checks(model: ExportedController, wanted: WantedSteps) -> Iterator[ProofStep]:

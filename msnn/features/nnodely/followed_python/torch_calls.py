@@ -10,11 +10,11 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
+from msnn.features.nnodely import arrays
+from msnn.features.nnodely.arrays import Elements, NotTranslatedError
 from msnn.features.nnodely.followed_python.torch_moves import MAKERS, MOVES
 from msnn.features.nnodely.followed_python.torch_names import ARGUMENTS, SCALAR
-from msnn.features.nnodely.terms import arrays
-from msnn.features.nnodely.terms.arrays import Elements, NotTranslatedError
-from msnn.features.nnodely.terms.terms import (
+from msnn.features.nnodely.terms import (
     Call,
     Infix,
     Number,

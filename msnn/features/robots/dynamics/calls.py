@@ -16,8 +16,6 @@ from compiler.lowering.context import Context, LoweringFailed, SolvedCall
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower_all
 from msnn.features.robots import errors
-from msnn.features.robots.dynamics.joints import RigidBodies
-from msnn.features.robots.dynamics.learned_masses import with_masses
 from msnn.features.robots.dynamics.members import (
     FRAME_MEMBERS,
     MEMBERS,
@@ -29,6 +27,7 @@ from msnn.features.robots.dynamics.members import (
     undetermined_joint,
 )
 from msnn.features.robots.dynamics.numbers import Number, SignedNode
+from msnn.features.robots.dynamics.rigid_bodies import RigidBodies, with_masses
 from msnn.features.robots.urdf.robot import Robot
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.errors import names

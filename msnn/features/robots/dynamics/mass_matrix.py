@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from msnn.features.robots.dynamics.joints import Numbers, RigidBodies
-from msnn.features.robots.dynamics.mass_distribution import MassDistribution
 from msnn.features.robots.dynamics.numbers import Number, Triple, cross, plus, times
+from msnn.features.robots.dynamics.rigid_bodies import MassDistribution, Numbers, RigidBodies
 from msnn.features.robots.urdf.robot import WORLD
 
 Entries = list[list[Number]]

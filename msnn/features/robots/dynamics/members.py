@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from msnn.features.robots.dynamics.joints import RigidBodies
-from msnn.features.robots.dynamics.kinematics import position, velocity
 from msnn.features.robots.dynamics.mass_matrix import mass_matrix, pivots, solved
 from msnn.features.robots.dynamics.newton_euler import joint_forces
 from msnn.features.robots.dynamics.numbers import NOTHING, Number
+from msnn.features.robots.dynamics.rigid_bodies import RigidBodies, position, velocity
 from msnn.features.robots.urdf.robot import BodyPoint
 
 Quantity = Literal["q", "dq", "ddq", "tau", "mass", "place", "speed"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from msnn.features.robots.dynamics.joints import Numbers, RigidBodies
-from msnn.features.robots.dynamics.mass_distribution import MassDistribution
 from msnn.features.robots.dynamics.numbers import (
     NOTHING,
     Number,
@@ -16,6 +14,7 @@ from msnn.features.robots.dynamics.numbers import (
     times,
     transposed,
 )
+from msnn.features.robots.dynamics.rigid_bodies import MassDistribution, Numbers, RigidBodies
 from msnn.features.robots.urdf.robot import WORLD
 
 

@@ -8,7 +8,7 @@ from typing import cast
 
 from msnn.features.robots import errors
 from msnn.features.robots import keys as sections
-from msnn.features.robots.urdf.bodies import Tree, tree_of
+from msnn.features.robots.urdf.bodies import Tree, held_positions, tree_of
 from msnn.features.robots.urdf.geometry import (
     Vector,
     cholesky,
@@ -17,7 +17,6 @@ from msnn.features.robots.urdf.geometry import (
     times,
     transposed,
 )
-from msnn.features.robots.urdf.held_joints import held_positions
 from msnn.features.robots.urdf.robot import BASE_JOINTS, Body, BodyPoint, Robot
 from msnn.features.robots.urdf.urdf_file import Urdf, read_urdf
 from spec_schema.diagnostics.diagnostic import Findings

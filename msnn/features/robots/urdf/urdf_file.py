@@ -12,11 +12,13 @@ from dataclasses import dataclass, field
 from msnn.features.robots import errors
 from msnn.features.robots.urdf.elements import (
     LARGEST,
+    XmlElement,
     attribute_of,
     axis_of,
     numbers_of,
     only_element,
     origin_of,
+    read_xml,
 )
 from msnn.features.robots.urdf.geometry import (
     Matrix,
@@ -27,7 +29,6 @@ from msnn.features.robots.urdf.geometry import (
     transposed,
 )
 from msnn.features.robots.urdf.robot import Inertia
-from msnn.features.robots.urdf.xml_tree import XmlElement, read_xml
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
 
