@@ -14,7 +14,7 @@ import numpy as np
 
 from backends.asap2.addresses import Symbol, epk, filled, linked
 from backends.c.host.library import NUMBERS
-from msnn.errors.targets import calibration as faults
+from msnn.errors import targets as faults
 from msnn.packages import ELFTOOLS
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 

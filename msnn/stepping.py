@@ -20,12 +20,12 @@ from backends.files.c_compiler import CompilerMissingError
 from backends.ports.step_interface import Port
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import FloatArray
-from msnn.errors.learning import kernels
+from msnn.errors.learning import engines
 from msnn.exports.export import plan_exports
 from msnn.exports.prepare import c_options
 from msnn.exports.target import ExportPlan
 from msnn.model.model import Model
-from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+from msnn.simulation.engines.kernel_check import NO_FALLBACK
 from spec_schema.diagnostics.diagnostic import Findings, SpecError, describe
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.registry import ARITHMETICS
@@ -44,7 +44,7 @@ def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
         raise SpecError(findings.in_order, model.sources)
     (plan,) = plans
     if plan.dtype in ARITHMETICS:
-        raise SpecError([kernels.stepper_of_words(plan.dtype)], model.sources)
+        raise SpecError([engines.stepper_of_words(plan.dtype)], model.sources)
     plan = cast("ExportPlan[COptions]", plan)
     weights = plan.of(weights)
     interface = c_interface(plan.program, c_options(plan))
@@ -70,7 +70,7 @@ def _interpreted(
 ) -> StepEngine:
     from backends.c.host.interpreted_step import InterpretedStep
 
-    said = describe(kernels.interpreted_instead(reason))
+    said = describe(engines.interpreted_instead(reason))
     # shown at the line of the user's script that opened it
     warnings.warn(said, RuntimeWarning, stacklevel=4)
     return InterpretedStep(program, interface, weights)

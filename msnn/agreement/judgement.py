@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compiler.ir.program import Program, Signal
 from compiler.jacobian.matrices import Jacobian
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import reach
+from msnn.data.rollout_rows import reach
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.late_dataclass import dataclass

@@ -15,10 +15,9 @@ from msnn.data.dataset import FloatArray
 from msnn.errors.failures import MissingExtraError
 from msnn.model.model import Model
 from msnn.model.model_data import data_folder, known_in, measured, sources_of, told_where_they_were
-from msnn.model.weights.given_weights import Weights
+from msnn.model.weights.weights_file import Weights
 from msnn.reports.simulation_plots import plot_simulation, plot_validation
-from msnn.simulation.simulate import Simulations
-from msnn.simulation.table import run_record, simulation_rows
+from msnn.simulation.simulate import Simulations, run_record, simulation_rows
 from msnn.tables import Table, count
 from msnn.validation.measurement import METRICS
 from msnn.validation.reports.report import limits, measurements_cells, metrics_cells
@@ -30,11 +29,10 @@ if TYPE_CHECKING:
     from msnn.data.dataset import Dataset
     from msnn.data.reading.frames import Frames
     from msnn.features.data_check.found import DataCheck
-    from msnn.simulation.engines.engine import Engine
-    from msnn.simulation.engines.progress import RolloutProgress
+    from msnn.simulation.engines.engine import Engine, RolloutProgress
     from msnn.simulation.intervals import Intervals
     from msnn.simulation.simulation_data import GivenData
-    from msnn.validation.reports.engines_report import EnginesReport
+    from msnn.validation.reports.report import EnginesReport
 
 
 NOT_HERE = {"E1042", "E1301"}
@@ -116,10 +114,10 @@ def validate_on(
     """See `validate`; `dataset` is already loaded, or None if every entry has its own files."""
     from msnn.data.reading.file_sets import load_file_sets
     from msnn.exports.running.exported_rollouts import chosen_engine
-    from msnn.model.trained_fold import fold_of_another_run
+    from msnn.model.trained_model import fold_of_another_run
+    from msnn.model.weights.covariance import known_covariance
     from msnn.model.weights.kept_starts import known_starts
-    from msnn.model.weights.known_covariance import known_covariance
-    from msnn.simulation.engines.progress import nobody
+    from msnn.simulation.engines.engine import nobody
     from msnn.validation import validate as validation
 
     chosen, checks = chosen_engine(model, engine), model.spec.checks
@@ -159,7 +157,7 @@ def validate_every_engine(
     Raises SpecError for errors in the spec or its data.
     """
     from msnn.simulation.engines.open_rollouts import AUTO, ENGINES
-    from msnn.validation.reports.engines_report import EnginesReport
+    from msnn.validation.reports.report import EnginesReport
 
     reports: dict[str, ShownReport] = {}
     left_out: dict[str, str] = {}
@@ -213,7 +211,7 @@ def simulate(
     from msnn.exports.prepare import loop_fault
     from msnn.exports.running.exported_rollouts import chosen_engine
     from msnn.model.weights.kept_starts import known_starts
-    from msnn.simulation.engines.progress import nobody
+    from msnn.simulation.engines.engine import nobody
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
     from msnn.simulation.simulation_data import simulation_data
@@ -268,8 +266,8 @@ def _intervals(
 ) -> Intervals:
     """The prediction intervals of simulations, from the residuals on the training rows."""
     from msnn.data.reading.frames import with_training_rows
-    from msnn.errors.results.intervals import no_training_rows
-    from msnn.model.weights.known_covariance import known_covariance
+    from msnn.errors.learning.weights import no_training_rows
+    from msnn.model.weights.covariance import known_covariance
     from msnn.validation.covered import free_intervals
 
     if not 0.0 < level < 1.0:

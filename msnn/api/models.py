@@ -14,7 +14,7 @@ from msnn.data.dataset import FloatArray
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.model.model_data import known_in, sources_of
-from msnn.model.weights.given_weights import Weights
+from msnn.model.weights.weights_file import Weights
 from msnn.packages import TORCH
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.reading.setting_values import Settings, setting_texts, spec_text

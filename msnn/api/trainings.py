@@ -13,7 +13,7 @@ from msnn.api.results import Shown
 from msnn.data.dataset import Dataset
 from msnn.model.model import Model
 from msnn.model.model_data import given_in, measured, sources_of
-from msnn.model.weights.given_weights import Weights
+from msnn.model.weights.weights_file import Weights
 from msnn.packages import TORCH
 from msnn.reports.learned_functions import learned_functions
 from msnn.reports.run_plots import functions_of_run, plot_run
@@ -67,9 +67,15 @@ def train(
     from msnn.api.shown_progress import heard_by
     from msnn.reports.training_summary import Recorded
     from msnn.training import train as engine
-    from msnn.training.engines.what_trains import require_what_trains
-    from msnn.training.run_line import begun, diverged, ended, log
-    from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
+    from msnn.training.engines.devices import require_what_trains
+    from msnn.training.training_result import (
+        TrainingDivergedError,
+        TrainingInterruptedError,
+        begun,
+        diverged,
+        ended,
+        log,
+    )
 
     require_what_trains(model.spec.train)
     # all ranks have the same weights: the files of one are enough
@@ -124,7 +130,7 @@ def train_folds(
     from msnn.data.reading.frames import refuse_sets
     from msnn.reports.training_summary import Recorded
     from msnn.training import folds
-    from msnn.training.engines.what_trains import require_what_trains
+    from msnn.training.engines.devices import require_what_trains
 
     # frames for each set leave nothing for folds to divide
     refuse_sets(data)

@@ -9,9 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
-from msnn.errors.learning.run_ends import nothing_kept
-from msnn.errors.learning.runs import no_run
-from msnn.model.spec_hash import kept_name
+from msnn.errors.learning.runs import no_run, nothing_kept
+from msnn.model.model_files import kept_name
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import refuse_endless
@@ -96,7 +95,7 @@ def kept_spec(run: Path) -> KeptSpec:
     """The model saved in a run, read as untrusted input. Raises SpecError if it is incomplete."""
     record = read_json(run / DESCRIPTION)
     if "plugins" in record:
-        from msnn.model.needed_plugins import recorded_plugins, require_plugins
+        from msnn.model.program_file import recorded_plugins, require_plugins
 
         require_plugins(recorded_plugins(record), str(run / DESCRIPTION))
     try:

@@ -18,9 +18,9 @@ from backends.native.kernel_cache import (
     kept_kernels,
     kernel_folder,
 )
-from msnn.errors.learning.kernels import foreign_folder_is_not_cleaned
+from msnn.errors.learning.engines import foreign_folder_is_not_cleaned
 from msnn.packages import OPTIONAL, ZIGLANG
-from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
+from msnn.simulation.engines.open_rollouts import kernel_folder_warnings
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.plugins import Plugins
 from spec_schema.version import __version__

@@ -9,7 +9,7 @@ from pathlib import Path
 from msnn.data.formats.table_of_formats import format_of, warnings_of_plugins
 from msnn.data.reading.file_sets import file_sections
 from msnn.errors import workflow as errors
-from msnn.errors.data import formats as data_formats
+from msnn.errors.data import rows as data_formats
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
@@ -52,8 +52,7 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     findings = Findings()
     spec = model.spec
     if spec.train:
-        from msnn.training.plans.fixed_starts import fixed_starts
-        from msnn.training.plans.stage_plan import plan_stages
+        from msnn.training.plans.stage_plan import fixed_starts, plan_stages
 
         for plan in plan_stages(model.program, spec.train, findings):
             if plan.rollout.horizon != "record":  # data of one rollout a record silence training

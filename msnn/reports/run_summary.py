@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from msnn.errors.learning.runs import unreadable_run
-from msnn.model.needed_plugins import plugins_text, recorded_plugins
+from msnn.model.program_file import plugins_text, recorded_plugins
 from msnn.model.saved_run import (
     DESCRIPTION,
     FOLD,

@@ -22,7 +22,7 @@ from compiler.ir.program import (
 from compiler.ir.types import Axis, describe_axes
 from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.data.starts import reach
+from msnn.data.rollout_rows import reach
 from msnn.exports.describe import range_text
 from msnn.reports.summary import summary_line
 from msnn.tables import count, table_text

@@ -25,8 +25,8 @@ from compiler.ir.ops import Broadcast, Constant
 from compiler.ir.program import Graph, NodeId, Program
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
-from msnn.data.starts import Runs
-from msnn.errors.learning import fitted_starts as errors
+from msnn.data.rollout_rows import Runs
+from msnn.errors.learning import training as errors
 from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.gauss_newton import RunProducts, decided_directions, descended
 from msnn.simulation.rollout_plan import RolloutPlan, score_some

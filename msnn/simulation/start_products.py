@@ -16,8 +16,8 @@ from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.ir.program import Output, Program
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
-from msnn.data.starts import Runs
-from msnn.errors.learning import kernels
+from msnn.data.rollout_rows import Runs
+from msnn.errors.learning import engines
 from msnn.simulation.engines.open_rollouts import interpreter_seconds, kernel_seconds
 from msnn.simulation.rollout import moments
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -83,8 +83,11 @@ class StartProducts:
             SensitivityKernel,
             StackTooSmallError,
         )
-        from msnn.simulation.engines.kernel_check import check_sensitivities
-        from msnn.simulation.engines.kernel_trials import NO_FALLBACK, check_if_fresh
+        from msnn.simulation.engines.kernel_check import (
+            NO_FALLBACK,
+            check_if_fresh,
+            check_sensitivities,
+        )
 
         try:
             found = sensitivities(self._moved, [*self._offsets.values()])
@@ -103,7 +106,7 @@ class StartProducts:
             self._native = False
             reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]
             told = f"{reason} (a mistake of msnn: please report it with the spec)"
-            self.notes = (kernels.interpreted_instead(told),)
+            self.notes = (engines.interpreted_instead(told),)
         return self._kernel
 
     def _by_kernel(

@@ -11,8 +11,7 @@ from msnn.data.dataset import Dataset
 from msnn.data.reading.file_sets import file_sets, set_of
 from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
-from msnn.simulation.durations import samples
-from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_rollout
+from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_rollout, samples
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.units import turns_or_radians

@@ -19,8 +19,7 @@ from backends.raw_parameters import physical_slope, physical_value
 from backends.torch_module import module
 from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Parameter
-from msnn.model.weights.given_weights import weights_path
-from msnn.model.weights.weights_file import read_weights
+from msnn.model.weights.weights_file import read_weights, weights_path
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 

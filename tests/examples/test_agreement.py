@@ -21,7 +21,7 @@ from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judgement import AgreementRecord, FloatType
 from msnn.data.reading.load import load_data
-from msnn.data.starts import reach
+from msnn.data.rollout_rows import reach
 from msnn.model.load import load_model
 from msnn.training.train import TrainingOptions, train
 from tests.agreement.exported import checked, plan_of

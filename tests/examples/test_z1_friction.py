@@ -18,7 +18,7 @@ from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.interpreter.interpreter import Interpreter
 from msnn.cli.application import run
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.model.load import load_model
 from msnn.simulation.engines.kernel_check import check_sensitivities
 from msnn.training.plans.stage_plan import plan_stages

@@ -25,7 +25,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.interpreter.rounding import Rollouts
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import loss_sums
 from msnn.training.engines.torch.torch_losses import batch_losses, scoring
 

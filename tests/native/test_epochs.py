@@ -9,7 +9,7 @@ import pytest
 
 from backends.native.kernel import Kernel
 from backends.native.kernel_data import lane_groups
-from msnn.training.plans.epoch_order import order_key, shuffled
+from msnn.training.plans.epochs import order_key, shuffled
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 

@@ -23,7 +23,7 @@ from backends.native.kernel_cache import (
     kernel_folder,
     why_folder_is_not_trusted,
 )
-from msnn.simulation.engines.kernel_trials import WrongKernelError, check_if_fresh
+from msnn.simulation.engines.kernel_check import WrongKernelError, check_if_fresh
 from tests.backends.test_atomic_write import waits_for_disk
 from tests.cli.command_line import ROOT
 from tests.conditions import miss, require_tool
@@ -418,7 +418,7 @@ def test_ctrl_c_ends_a_training_whose_compiler_hangs(
     code = (
         "from backends.files import waiting\n"
         "waiting.GRACE = 0.2\n"
-        "from msnn.training.records.interrupts import end_on_interrupt\n"
+        "from msnn.training.records.resumable_run import end_on_interrupt\n"
         "with end_on_interrupt():\n    " + ASKED.strip().replace("\n", "\n    ")
     )
     process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)

@@ -92,8 +92,7 @@ def simulate(
     from msnn.exports.export import spare_foreign_files
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
-    from msnn.simulation.simulate import simulation_program
-    from msnn.simulation.table import run_record, write_simulation
+    from msnn.simulation.simulate import run_record, simulation_program, write_simulation
     from msnn.tables import count
 
     refuse_two_origins(weights, initial)

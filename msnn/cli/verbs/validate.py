@@ -68,11 +68,13 @@ def validate(
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.simulation.engines.open_rollouts import known_engine
-    from msnn.validation.reports.engines_report import EnginesReport, engines_record, engines_table
     from msnn.validation.reports.errors_report import coverage_table, regions_table, residuals_table
     from msnn.validation.reports.report import (
+        EnginesReport,
         broken_limits,
         curves_table,
+        engines_record,
+        engines_table,
         junit_text,
         measurements_table,
         metrics_markdown,

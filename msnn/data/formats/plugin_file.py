@@ -10,8 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.array_dates import has_dates
+from msnn.data.formats.arrays.array_columns import NamedArrays, has_dates
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file

@@ -1,29 +1,25 @@
-"""Finds the files of a data source: names, patterns and folders, relative to the spec."""
+"""Finds the files of a data source, relative to the spec, and keys that have no effect on them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.table_of_formats import (
-    SUFFIXES,
-    FileFormat,
-    format_of,
-    require_reader,
-)
+from msnn.data.formats.table_of_formats import SUFFIXES, FileFormat, format_of, require_reader
 from msnn.data.reading.splits import split_source
 from msnn.errors.data import files as errors
 from msnn.errors.data import rows as row_errors
+from msnn.errors.data.rows import unused_key
 from msnn.errors.workflow import unknown_set
-from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.editors.spec_data import entry_data
 from spec_schema.fields.leaf import Located
 from spec_schema.reading.reader import refuse_endless
-from spec_schema.sections.data import SETS, Data, Source
+from spec_schema.sections.data import SETS, Data, Layout, Source
 
 GIVEN = "data"
 """The name of the set for data that replace the spec's data, if the user names none."""
@@ -210,3 +206,53 @@ def _is_data(path: Path) -> bool:
 
 def _shown(path: Path, folder: Path) -> str:
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+
+
+def unused_keys(
+    data: Data, files: Sequence[DataFile], sample_time: float | None
+) -> Iterator[Diagnostic]:
+    """Yields one error for each key that affects no file in its scope."""
+    for scope in (data, *data.source.values()):
+        yield from _of_text(scope, _scope(scope, "csv", data, files))
+        yield from _of_records(scope, _scope(scope, "records", data, files))
+        yield from _of_times(scope, data, files, sample_time)
+
+
+def _scope(scope: Layout, key: str, data: Data, files: Sequence[DataFile]) -> list[DataFile]:
+    """The files that a key applies to; a set's own key overrides the default of all sets."""
+    if scope is data:
+        return [file for file in files if getattr(file.layout, key) is None]
+    return [file for file in files if file.layout is scope]
+
+
+def _of_text(scope: Layout, files: Sequence[DataFile]) -> Iterator[Diagnostic]:
+    if scope.csv is None or not files:
+        return
+    read = {key for file in files for key in file.format.text_keys}
+    for key in ("delimiter", "decimal", "comment", "header", "skip"):
+        if key in scope.csv.model_fields_set - read:
+            reason = f"{files[0].shown} is a file of {files[0].format.name}"
+            yield unused_key(f"csv: {{{key}}}", reason, scope.csv.place.value)
+
+
+def _of_records(scope: Layout, files: Sequence[DataFile]) -> Iterator[Diagnostic]:
+    has_groups = any(file.path.suffix.lower() == ".parquet" for file in files)
+    if scope.records == "row_group" and files and not has_groups:
+        reason = f"{files[0].shown} is a file of {files[0].format.name}, without row groups"
+        yield unused_key("records: row_group", reason, scope.place.key)
+
+
+def _of_times(
+    scope: Layout, data: Data, files: Sequence[DataFile], sample_time: float | None
+) -> Iterator[Diagnostic]:
+    asked = {"resample": scope.resample == "none", "join": bool(scope.join)}
+    for key, text in (("resample", "resample: none"), ("join", "join: true")):
+        mine = _scope(scope, key, data, files)
+        if not asked[key] or not mine:
+            continue
+        if sample_time is None:
+            reason = "the rows of a model without `sample_time` are samples by themselves"
+            yield unused_key(text, reason, scope.place.key)
+        elif not any(file.keeps_time or file.layout.time or data.time for file in mine):
+            reason = f"the rows of {mine[0].shown} have no time without `time:`"
+            yield unused_key(text, reason, scope.place.key)

@@ -14,6 +14,7 @@ from msnn.data.formats.written_units import CapitalUnit, StatedUnit
 from msnn.data.reading.columns import (
     Feed,
     columns_of_only,
+    converted_cells,
     feeds,
     file_unit,
     in_units_of_file,
@@ -21,11 +22,10 @@ from msnn.data.reading.columns import (
     report_scaled_twice,
     wanted_columns,
 )
-from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.row_filter import RowFilter
-from msnn.data.reads import compared_signals, measured_beside, signals_only_compared
-from msnn.errors.data import units as data_units
+from msnn.data.rollout_rows import compared_signals, measured_beside, signals_only_compared
+from msnn.errors.data import cells as data_units
 from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment

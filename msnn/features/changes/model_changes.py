@@ -15,7 +15,7 @@ from msnn.features.changes.interface_changes import (
     interface_changes,
 )
 from msnn.model.model import Model
-from msnn.model.needed_plugins import recorded_plugins
+from msnn.model.program_file import recorded_plugins
 from msnn.model.saved_run import DESCRIPTION, read_json
 from msnn.reports.compare_specs import SpecDifference, compare_specs
 from msnn.validation.reports.words import rollout_text, unit_text

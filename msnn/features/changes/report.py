@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import asdict
 from typing import Any
 
-from msnn.errors.data.lists import listed
+from msnn.errors.data.rows import listed
 from msnn.features.changes.errors import breaking_change, worse_metric
 from msnn.features.changes.model_changes import FailOn, MetricChange, ModelChanges
 from msnn.reports.compare_specs import SpecDifference

@@ -41,7 +41,7 @@ from msnn.features.comparison.variants import NO_DRAWS, Draws, GridAxis, Variant
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
 from msnn.model.saved_run import run_of
-from msnn.training.engines.what_trains import require_what_trains, slow_modules
+from msnn.training.engines.devices import require_what_trains, slow_modules
 from msnn.training.ranks.torchrun import refuse_several_processes
 from msnn.training.records.run_log import LOG, RunLine, append, read
 from spec_schema.diagnostics.diagnostic import SpecError

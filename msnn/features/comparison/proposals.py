@@ -21,7 +21,7 @@ from msnn.features.comparison.trial import Setup, Trial, TrialLists, planned
 from msnn.features.comparison.variants import Bounds, DrawAxis, Drawn, Draws, Variant, variants
 from msnn.packages import OPTUNA
 from msnn.training.records.run_log import RunLine
-from msnn.training.run_line import begun
+from msnn.training.training_result import begun
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _TEXTS = "values"

@@ -24,12 +24,11 @@ from msnn.model.weights.weights_file import read_weights
 from msnn.training.folds import fold_count
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.records.progress import Silent
-from msnn.training.records.run_lock import alone
+from msnn.training.records.run_folder import alone
 from msnn.training.records.run_log import LOG, Cost, Measured, RunLine, append, measured_in, read
 from msnn.training.records.training_options import in_folder, options_for
-from msnn.training.run_line import begun, diverged, ended
 from msnn.training.train import train
-from msnn.training.training_result import TrainingDivergedError
+from msnn.training.training_result import TrainingDivergedError, begun, diverged, ended
 from msnn.validation.measurement import METRICS
 from msnn.validation.plan import CheckPlan, plan_checks
 from msnn.validation.reports.words import rollout_text, unit_text

@@ -9,7 +9,7 @@ import numpy as np
 
 from compiler.ir.program import Output, Role
 from msnn.data.reading.rows import GAP_TOLERANCE
-from msnn.data.reads import reads
+from msnn.data.rollout_rows import reads
 from msnn.errors.data.rows import other_sample_time, step_repair
 from msnn.features.data_check import errors
 from msnn.features.data_check.channels import RowsOfData

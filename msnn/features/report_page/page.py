@@ -27,9 +27,8 @@ from msnn.features.report_page.live import LiveModel, NotLive, linear_inputs
 from msnn.features.report_page.packing import Plain
 from msnn.features.report_page.records import Ports, Records, records
 from msnn.features.report_page.tables import equations
-from msnn.model.learned_numbers import learned_numbers
-from msnn.model.model import Model
-from msnn.model.needed_plugins import plugins_text, recorded_plugins
+from msnn.model.model import Model, learned_numbers
+from msnn.model.program_file import plugins_text, recorded_plugins
 from msnn.reports.diagram.svg import architecture_svg
 from msnn.reports.drawn import unit_of
 from msnn.reports.learned_functions import MOST_FUNCTIONS, LearnedFunction

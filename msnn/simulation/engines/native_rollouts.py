@@ -16,9 +16,9 @@ from compiler.interpreter.rounding import Forward
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data.starts import Runs, reach
+from msnn.data.rollout_rows import Runs, reach
 from msnn.simulation.engines.engine import Advance
-from msnn.simulation.engines.kernel_trials import (
+from msnn.simulation.engines.kernel_check import (
     LONGEST,
     Weights,
     cases,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from pathlib import Path
 
-from msnn.errors.targets.boards import silent, unknown_core
+from msnn.errors.targets import silent, unknown_core
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.on_board.debugger import (
     Debugger,

@@ -13,7 +13,7 @@ from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import IO
 
-from msnn.errors.targets.boards import unreachable
+from msnn.errors.targets import unreachable
 from msnn.verification.on_board.link import Gdb, OpenOcd, PyOcd, words
 from spec_schema.diagnostics.diagnostic import SpecError
 

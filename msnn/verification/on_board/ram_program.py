@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from msnn.errors.targets.boards import no_room, refused_memory, silent
+from msnn.errors.targets import no_room, refused_memory, silent
 from msnn.verification.exported_c import ExportedC, includes
 from msnn.verification.harness import TEMPLATES, write_harness, write_template
 from msnn.verification.on_board.debugger import Debugger, RefusedMemoryError

@@ -10,7 +10,7 @@ import time
 import zlib
 from dataclasses import dataclass
 
-from msnn.errors.targets.boards import silent, unreachable
+from msnn.errors.targets import silent, unreachable
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.harness import differences
 from msnn.verification.on_board.link import Serial, words

@@ -18,7 +18,7 @@ from backends.native.kernel_source import KernelSource
 from backends.native.sensitivity_kernel import SensitivitySource
 from compiler.differentiation.sensitivities import Sensitivities
 from compiler.differentiation.training_step import TrainingStep
-from msnn.simulation.engines.kernel_trials import WrongKernelError
+from msnn.simulation.engines.kernel_check import WrongKernelError
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stage_loss_module import stage_loss
 from msnn.training.train import train

@@ -24,9 +24,14 @@ from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
-from msnn.simulation.engines.kernel_check import check_kernel, check_sensitivities
-from msnn.simulation.engines.kernel_trials import WrongKernelError, cases, compare
+from msnn.data.rollout_rows import Runs
+from msnn.simulation.engines.kernel_check import (
+    WrongKernelError,
+    cases,
+    check_kernel,
+    check_sensitivities,
+    compare,
+)
 from msnn.simulation.engines.native_rollouts import check_rollouts
 from tests.conditions import require_tool
 from tests.language.compiled import compiled

@@ -12,9 +12,9 @@ from backends.known_terms import approached, known_terms
 from compiler.ir.program import Loss, Measure, Parameter, Penalty, Program
 from compiler.ir.types import Axis
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import LossSum
-from msnn.training.plans.known_terms_of_stage import residuals_of
+from msnn.training.plans.loss_terms import residuals_of
 from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors

@@ -11,11 +11,10 @@ from typing import IO, Any, cast
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.plugin_file import PluginReader
 from msnn.data.formats.table import ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
-from msnn.data.formats.written_units import TwoUnits, UnknownUnit
+from msnn.data.formats.written_units import CapitalUnit, TwoUnits, UnknownUnit
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment

@@ -20,7 +20,7 @@ from msnn.features.control.run.method import Method, Solver
 from msnn.features.control.run.moving_horizon import MovingHorizon
 from msnn.features.control.run.reference_method import ReferenceMethod
 from msnn.model.model import Model
-from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+from msnn.simulation.engines.kernel_check import NO_FALLBACK
 from spec_schema.diagnostics.diagnostic import SpecError, describe
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from msnn.errors.targets.boards import no_controller_on_board
+from msnn.errors.targets import no_controller_on_board
 from msnn.features.control.verification.board import online_board_checks
 from msnn.features.control.verification.exported_controller import (
     ExportedController,

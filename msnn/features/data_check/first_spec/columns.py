@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.table_of_formats import format_of, require_reader
 from msnn.data.formats.text.csv_header import Dialect, content_lines, header_cells, split_cells
@@ -21,6 +20,7 @@ from msnn.data.formats.text.text_encoding import not_utf8, refuse_other_formats
 from msnn.data.formats.text.xlsx_file import WORKBOOK, sheet_lines
 from msnn.data.formats.written_units import (
     MISSING,
+    CapitalUnit,
     MixedUnits,
     TwoUnits,
     is_case_kept,

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.capital_units import CapitalUnit
-from msnn.data.formats.written_units import plain_label
+from msnn.data.formats.written_units import CapitalUnit, plain_label
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.features.data_check.errors import falling_time
 from msnn.features.data_check.first_spec.columns import FoundColumn, FoundTable

@@ -16,8 +16,8 @@ from compiler.interpreter.bounded import Total
 from compiler.interpreter.rounding import Rollouts
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.simulation.rollout import LossSum
-from msnn.training.engines.native.kernel_or_not import try_natively
-from msnn.training.engines.own_series import own_series
+from msnn.training.engines.engine import own_series
+from msnn.training.engines.native.native_engine import try_natively
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.learned.beside_bounds import beside_bounds_by_slope, is_near_bound
