@@ -203,7 +203,7 @@ class Select(Elementwise):
 
 @dataclass(frozen=True, slots=True)
 class Apply(Elementwise):
-    """A scalar function of the table in `scalars/table.py`, on every element."""
+    """A scalar function of the table in `scalars.py`, on every element."""
 
     function: str
 

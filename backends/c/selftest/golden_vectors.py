@@ -1,4 +1,7 @@
-"""Makes golden vectors: drawn starts, states and inputs, and the interpreter's results for them."""
+"""Makes golden vectors: drawn starts, states and inputs, and the interpreter's results for them.
+
+`selftest_text` chooses the runs that they begin with.
+"""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Declared, NodeId, Program, Signal, State
 from compiler.ir.types import Type
 from compiler.passes.analyses.saturation import saturated
-from msnn.features.fixed_point.compile.constants import finite
+from msnn.features.fixed_point.compile.word_formats import finite
 from msnn.features.fixed_point.golden.golden import drawn
 from msnn.features.fixed_point.integers.interpret import reset, step
 from msnn.features.fixed_point.integers.program import IntegerProgram, WordPort

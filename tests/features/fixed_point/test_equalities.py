@@ -13,7 +13,7 @@ from msnn.agreement.agreement import BeyondProof
 from msnn.exports.export import write_export
 from msnn.features.fixed_point.compile.compile_integers import integer_program
 from msnn.features.fixed_point.compile.elementwise import ElementwiseForms
-from msnn.features.fixed_point.compile.forms import PolynomialForm
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
 from msnn.features.fixed_point.compile.thresholds import Decided, IntegerCondition
 from msnn.features.fixed_point.golden.equalities import golden_equalities
 from msnn.features.fixed_point.integers.program import Q15, Q31

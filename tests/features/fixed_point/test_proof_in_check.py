@@ -16,7 +16,7 @@ from msnn.agreement.judgement import Proof
 from msnn.agreement.report import AgreementReport, agreement_diagnostics
 from msnn.features.fixed_point.compile import compile_integers
 from msnn.features.fixed_point.compile.elementwise import ElementwiseForms
-from msnn.features.fixed_point.compile.forms import PolynomialForm
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
 from msnn.features.fixed_point.compile.thresholds import Decided, IntegerCondition
 from msnn.features.fixed_point.integers.builder import IntegerBuilder
 from tests.agreement.exported import checked

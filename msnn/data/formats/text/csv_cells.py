@@ -1,4 +1,7 @@
-"""Reads a CSV file cell by cell, to report exactly which cells are wrong and where."""
+"""Reads a CSV file cell by cell, to report exactly which cells are wrong and where.
+
+`csv_file` reads files without such cells by numpy.
+"""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 from msnn.features.fixed_point.backend.file_texts import file_texts, step_texts
 from msnn.features.fixed_point.compile.compile_integers import integer_program
-from msnn.features.fixed_point.compile.constants import finite
+from msnn.features.fixed_point.compile.word_formats import finite
 from msnn.features.fixed_point.deviation import (
     HELD,
     ErrorSpread,

@@ -13,7 +13,7 @@ from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import Expected, History, Node, Output, Program, Signal, State
 from compiler.ir.types import WINDOW, Axis
 from msnn.features.fixed_point import errors
-from msnn.features.fixed_point.compile.constants import finite, with_numbers, word_format
+from msnn.features.fixed_point.compile.constants import with_numbers
 from msnn.features.fixed_point.compile.invariants import proved_bounds
 from msnn.features.fixed_point.compile.lower_graph import (
     Elements,
@@ -21,6 +21,7 @@ from msnn.features.fixed_point.compile.lower_graph import (
     UnsupportedError,
     elements,
 )
+from msnn.features.fixed_point.compile.word_formats import finite, word_format
 from msnn.features.fixed_point.integers.builder import CannotFitError, IntegerBuilder
 from msnn.features.fixed_point.integers.program import (
     CheckedInput,

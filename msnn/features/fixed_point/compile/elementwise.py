@@ -10,7 +10,7 @@ import numpy as np
 
 from compiler.ir.ops import Relation
 from compiler.ir.scalars import SCALAR_FUNCTIONS
-from msnn.features.fixed_point.compile.forms import PolynomialForm
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
 from msnn.features.fixed_point.compile.settle import Settler
 from msnn.features.fixed_point.compile.tables import fitted_table, furthest
 from msnn.features.fixed_point.compile.thresholds import Decided, IntegerCondition, reach_beside
@@ -156,7 +156,7 @@ class ElementwiseForms(Settler):
                 fraction -= 1
 
     def applied(self, function: str, *forms: PolynomialForm) -> PolynomialForm:
-        """A function that `scalars/table.py` lists."""
+        """A function that `scalars.py` lists."""
         row = SCALAR_FUNCTIONS[function]
         if all(not form.terms for form in forms):
             value = self.number(float(row.numpy(*(np.float64(f.constant) for f in forms))))

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from compiler.ir.ops import Clamp, Constant
 from compiler.ir.program import Graph, Node, NodeId, Program, State
-from msnn.features.fixed_point.compile.constants import word_format
-from msnn.features.fixed_point.compile.forms import PolynomialForm
 from msnn.features.fixed_point.compile.lower_graph import (
     Elements,
     Lowering,
     UnsupportedError,
     elements,
 )
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
+from msnn.features.fixed_point.compile.word_formats import word_format
 from msnn.features.fixed_point.integers.program import Width
 
 _MARGIN = 1.0 + 2.0**-6

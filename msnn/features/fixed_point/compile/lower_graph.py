@@ -17,7 +17,7 @@ from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.passes.analyses.compact_sets import CompactSets, compact_sets
 from msnn.features.fixed_point.compile.elementwise import ElementwiseForms
-from msnn.features.fixed_point.compile.forms import PolynomialForm
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
 from msnn.features.fixed_point.compile.settle import Ramp, Settler
 from msnn.features.fixed_point.compile.thresholds import Decided, IntegerCondition
 from msnn.features.fixed_point.integers.builder import CannotFitError

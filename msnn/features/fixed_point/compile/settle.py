@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 
-from msnn.features.fixed_point.compile.forms import Monomial, PolynomialForm
+from msnn.features.fixed_point.compile.polynomials import Monomial, PolynomialForm
 from msnn.features.fixed_point.compile.thresholds import IntegerCondition, reach_beside
 from msnn.features.fixed_point.integers.builder import CannotFitError, IntegerBuilder, share
 from msnn.features.fixed_point.integers.program import Width

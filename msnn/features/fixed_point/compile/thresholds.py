@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from compiler.ir.ops import Relation
-from msnn.features.fixed_point.compile.forms import PolynomialForm
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
 from msnn.features.fixed_point.integers.builder import IntegerBuilder, share
 from msnn.features.fixed_point.integers.program import (
     IntegerLookup,

@@ -1,9 +1,10 @@
 """Minimises a damped quadratic model of the loss, with penalties and priors, or within bounds.
 
 Near given raw variables the total is F + 2gᵀδ + δᵀAδ + P(raw + δ). A step minimises this plus μ ·
-δᵀDδ. Without P, the step solves (A + μD)δ = −g. With P, it is computed by accelerated proximal
-gradient steps (Beck, Teboulle 2009) with restarts when the objective increases (O'Donoghue, Candès
-2015). They use variables scaled by √D, in which the curvature is about 1 in each direction.
+δᵀDδ; `levenberg_marquardt` chooses μ. Without P, the step solves (A + μD)δ = −g. With P, it is
+computed by accelerated proximal gradient steps (Beck, Teboulle 2009) with restarts when the
+objective increases (O'Donoghue, Candès 2015). They use variables scaled by √D, in which the
+curvature is about 1 in each direction.
 
 A trial step is the minimum of the damped quadratic model over the box of the bounds: constrained
 Levenberg-Marquardt (Kanzow, Yamashita, Fukushima 2004, J. Comput. Appl. Math. 172). A bound is left
