@@ -99,10 +99,12 @@ class CalibratedModel:
 
 
 def grids(program: Program) -> dict[str, Knots]:
-    """The axis points by name of the axis: ascending constants that a value is compared with.
+    """The points of each lookup axis, such as the knots of a table, by the name of the axis.
 
-    The value is compared with the points or reduced by them, and does not have the axis itself. An
-    axis with two different lists is omitted.
+    A lookup is found by its operation: the step subtracts an ascending list of constants from a
+    value, or compares the value with the list. The list has one axis, which the value lacks. An
+    axis is omitted if two different lists have its name, or if one list serves values of different
+    inputs, states or units.
     """
     graph = program.step
     found: dict[str, set[Knots]] = {}

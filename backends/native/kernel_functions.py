@@ -48,7 +48,7 @@ class Stored:
 
 
 class ModelFunctions:
-    """Writes the functions of one program."""
+    """Writes the C functions of a program's kernel: its start and step, and their adjoints."""
 
     def __init__(
         self, memory: LaneMemory, functions: FunctionTable, stored: Stored | None = None

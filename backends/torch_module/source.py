@@ -39,8 +39,9 @@ _RELEASES = re.compile(r";  (?:\w+ = )+None$")
 
 
 def torch_source(program: Program, prefix: str, dtype: str) -> str:
-    """The text of `<prefix>.py` for a program in step form; deterministic for the same program.
+    """The text of `<prefix>.py` for a program; deterministic for the same program.
 
+    `program` is in step form: a step reads each input once, and states store its past samples.
     Names and descriptions of the spec appear as text only, never as code.
     """
     program = prepared(program)

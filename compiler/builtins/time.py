@@ -169,9 +169,10 @@ def lower_derivative(context: Context, call: Call, environment: Environment) -> 
 
 
 def _trapezoidal(context: Context, call: Call, environment: Environment, seconds: float) -> NodeId:
-    """The inverse of the trapezoidal integral.
+    """The derivative d[t] = 2 (e[t] − e[t−1]) / dt − d[t−1], with d[t0−1] = 0.
 
-    A disturbance at t0 oscillates for ever, undamped.
+    The trapezoidal integral undoes it exactly. After any jump of e it oscillates for ever,
+    undamped.
     """
     start = context.builder(START)
     # d[t0−1] = 0 by definition

@@ -260,7 +260,11 @@ class States:
         """States whose right-hand side is being lowered, outermost first."""
 
     def value(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The value of a state for an expression: now, or at a stage of the integrator."""
+        """The node of a state's value: at t, at earlier samples, or at a stage of the integrator.
+
+        An initial value can read only samples before t0. Reports any other use there or in a
+        constant, and samples after t, and raises LoweringFailed.
+        """
         findings = self._context.findings
         if environment.part is EnvironmentPart.CONSTANT:
             findings.report(names.constant_needed(f"`{name}`", span))

@@ -95,7 +95,10 @@ def known_number(graph: GraphBuilder, node: NodeId) -> float | None:
 
 
 class _Draft:
-    """The simplified graph, as far as it is copied."""
+    """Copies a graph node by node, and removes operations with a constant 0 or 1.
+
+    `add` simplifies a node whose operands are already copied; `copy` keeps its operation.
+    """
 
     def __init__(self) -> None:
         self.builder = GraphBuilder()

@@ -44,9 +44,10 @@ class Connected(Equation):
         return self.input
 
     def is_held_for(self, owner: str) -> bool:
-        """Whether it keeps its value over a step in which the states of `owner` are integrated.
+        """True if the value is constant while an integrator steps the states of `owner` (R6).
 
-        From outside a sub-model its inputs are samples; within one, values in between (R6).
+        A connection in a file outside the sub-model `owner` is evaluated once, at sample t. One in
+        the file of `owner` or of its sub-models is evaluated at every stage of the integrator.
         """
         inside = not owner or self.declared_in == owner
         return not (inside or self.declared_in.startswith(f"{owner}."))

@@ -210,11 +210,13 @@ def retime(program: Program, *, fixed_parameters: bool) -> Program:
 
 @dataclass(frozen=True, slots=True)
 class _Buffer:
-    """A history that exactly one `Window` feeds."""
+    """A buffer of past samples that has exactly one `Window`, the node that shifts it each step."""
 
     state: State
     newest: NodeId
+    """The sample that the step adds."""
     kept: int
+    """Number of samples in the buffer."""
 
 
 @dataclass(frozen=True, slots=True)

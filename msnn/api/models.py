@@ -58,10 +58,11 @@ def load(spec: str | Path | Mapping[str, object], settings: Settings = ()) -> Mo
 
 
 def compile(spec: str | Path | Mapping[str, object] | Spec) -> Program:
-    """The program of a spec, in window form.
+    """Compiles a spec to a program.
 
         program = msnn.compile("plant.msnn.yaml")
 
+    The program is in window form: a step reads past inputs as windows of the data, not from states.
     Raises SpecError with all errors in the spec, and ValueError for a Spec with sub-models, because
     their files are relative to that of the spec.
     """

@@ -39,7 +39,7 @@ class Outputs:
         return bool(self._files)
 
     def forget(self) -> None:
-        """Clears the files after a command."""
+        """Empties the list of files after a command; the files on disk stay as they are."""
         self._files.clear()
 
     def protect(self, *outputs: Path) -> None:

@@ -132,9 +132,10 @@ def kept_spec(run: Path) -> KeptSpec:
 
 
 def spec_places(spec: str, run: Path) -> list[str]:
-    """The path of the spec relative to the run and as absolute path.
+    """The path of the spec relative to the run, and its absolute path.
 
-    The relative path stays valid when the whole project is moved.
+    The relative path stays valid when the whole project is moved. It is omitted if the spec is on
+    another drive than the run.
     """
     absolute = str(Path(spec).absolute())
     try:

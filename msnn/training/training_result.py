@@ -83,7 +83,10 @@ def _diverged(
 
 
 class TrainingInterruptedError(Exception):
-    """The user ended the run; `result` has the best weights so far, `resume` continues it."""
+    """The user ended the run; `result` has the best weights so far.
+
+    `msnn.train(..., resume=True)` continues the run, if it has a folder.
+    """
 
     def __init__(self, result: TrainingResult) -> None:
         super().__init__("training was interrupted; it can be resumed")

@@ -326,7 +326,7 @@ class Measuring:
             self._largest = max(self._largest, float(size.max(initial=0.0)))
 
     def is_in_doubt(self, plan: CheckPlan) -> bool:
-        """True if a limit of an entry lies within the possible difference between engines."""
+        """True if the rounding of another engine could move the metric across a limit of `plan`."""
         return metric_in_doubt(plan, self._errors, self._largest, self._learned)
 
     def measurement(self, *, judges: bool) -> Measurement:

@@ -23,7 +23,7 @@ def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -
 
 
 def harness_text(template: str, model: ExportedC) -> str:
-    """The same as text."""
+    """Renders `templates/verify/<template>.j2` for the model; returns the text, writes no file."""
     return _text(template, _facts(model))
 
 

@@ -67,7 +67,10 @@ MISRA = ("--addon=misra", f"--addon-python={sys.executable}", "-U__clang__")
 
 
 def misra_check(model: Sources) -> ProofStep:
-    """The MISRA addon of cppcheck, which checks a subset of MISRA C:2012."""
+    """The check of the sources by cppcheck's MISRA addon, for a subset of MISRA C:2012.
+
+    The tool does not run here, only when the returned step is run.
+    """
 
     def run(folder: Path) -> Result:
         # findings of the addon are of the severity style

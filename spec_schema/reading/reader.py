@@ -1,4 +1,8 @@
-"""Reads a spec: its file with everything wrong at once, and the files of its sub-models."""
+"""Reads a spec, and the sub-models and other files that its `use:` section names.
+
+Each file is read in stages: text, YAML, then schema and expressions together. The SpecError of a
+file has all errors of the first stage that fails.
+"""
 
 import errno
 import os

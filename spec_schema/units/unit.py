@@ -435,7 +435,10 @@ def _without_angle(exponents: Exponents) -> Exponents:
 
 
 def meant(number: float) -> Fraction:
-    """The decimal number of few digits that rounds to this float, where there is one."""
+    """The shortest decimal that rounds to this float; its exact value if that has over 15 digits.
+
+    0.1 is 1/10, not the exact value of the float.
+    """
     decimal = Decimal(repr(number))
     is_short = len(decimal.normalize().as_tuple().digits) <= DIGITS
     return Fraction(decimal if is_short else number)

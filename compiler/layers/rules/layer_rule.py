@@ -200,7 +200,10 @@ class LayerContext:
         return replace(self, called_with=shapes_of)
 
     def _admitted(self, axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
-        """The axes of an array, with those of the cells; reports an array that is too large."""
+        """The axes of an array of the layer: those of a local model's cells, if any, then `axes`.
+
+        Reports an array that is too large, and raises LoweringFailed.
+        """
         full = (*self.cells, *axes)
         count = math.prod(axis.size for axis in full)
         if count > LARGEST_SIZE:

@@ -62,7 +62,12 @@ class Feed:
 def feeds(
     signals: Iterable[Signal], columns: Mapping[str, Column], findings: Findings
 ) -> list[Feed]:
-    """The feed of every signal; without an entry in the spec, the column has the signal's name."""
+    """The columns of every signal with their unit conversions, as one `Feed` per signal.
+
+    A signal without an entry in `columns` has one column, with its own name. The log `x.meas` of a
+    state has its own entry, otherwise that of x. Reports and omits a signal whose number of columns
+    is not its number of elements.
+    """
     found: list[Feed] = []
     for signal in signals:
         name = signal.name.removesuffix(LOG_SUFFIX)

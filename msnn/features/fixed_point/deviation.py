@@ -145,7 +145,7 @@ def _within_range(builder: GraphBuilder, state: State) -> State:
 
 
 def _low_end(signal: Signal) -> float:
-    """The lower limit of the range of a signal; 0 without a range."""
+    """The lower limit of a signal's range; 0 without a range, or if either limit is infinite."""
     return (finite(signal.range) or (0.0, 0.0))[0]
 
 

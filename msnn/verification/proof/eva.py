@@ -31,7 +31,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class PossibleValues:
-    """The possible values of a quantity; limits may be infinite."""
+    """The interval of a quantity, with limits that may be infinite, and whether it may be NaN."""
 
     low: float
     high: float

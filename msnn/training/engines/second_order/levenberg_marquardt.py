@@ -154,8 +154,10 @@ class LevenbergMarquardtEngine:
         members: IntArray | None = None,
         before: LossSums | None = None,
     ) -> LossSums:
-        """Takes one step on all rollouts; returns the losses before it. Raises
-        NonFiniteLossError.
+        """Takes one step on all rollouts, or on those in `members`; returns the losses before it.
+
+        An epoch is one step: `size` is at least the number of rollouts, and `before` is empty.
+        Raises NonFiniteLossError if a loss, its gradient or its curvature is infinite or NaN.
         """
         assert not before, "an epoch is one step"
         runs = runs if members is None else runs.take(members)
