@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.ir.program import Parameter
-from compiler.kernels.evaluate import evaluate
+from compiler.kernels.table import evaluate
 
 FloatArray = NDArray[np.float64]
 

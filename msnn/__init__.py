@@ -22,12 +22,12 @@ check_package_names()
 
 if TYPE_CHECKING:
     from msnn.api.comparisons import compare, sweep
-    from msnn.api.imports import import_nnodely
     from msnn.api.measurements import check_data, simulate, validate
     from msnn.api.models import (
         compile,
         estimator,
         export,
+        import_nnodely,
         initial_weights,
         linearize,
         load,
@@ -76,7 +76,7 @@ _HOMES = {
     ),
     "Model": "msnn.model.model",
     "SpecError": "spec_schema.diagnostics.diagnostic",
-    "import_nnodely": "msnn.api.imports",
+    "import_nnodely": "msnn.api.models",
     **dict.fromkeys(("compare", "sweep"), "msnn.api.comparisons"),
     **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
     "report": "msnn.api.reports",

@@ -17,19 +17,21 @@ from compiler.layers.rules.arguments import (
     read_values,
     read_window,
 )
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
 from compiler.linking.link import Linked
+from msnn.cli.console import json_result, note, report, result
+from msnn.cli.exit_codes import ExitCode
+from msnn.data.formats.plugin_file import DataColumns
+from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import float_plan, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, error, remark, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.language import Signature
-from spec_schema.fields.entry import Entry, OneOf
+from spec_schema.fields.entry import Entry, LateEntry, LateObject, OneOf
 from spec_schema.fields.formulas import ExpressionField
-from spec_schema.fields.late_entry import LateEntry, LateObject
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.fields.plain import (
     EntriesOf,
     ManyOf,
@@ -45,22 +47,35 @@ from spec_schema.fields.plain import (
     choice,
 )
 from spec_schema.fields.quantities import QuantityField, RangeField, UnitField
-from spec_schema.registry import Feature, FunctionLine, LayerLine, SectionLine, TargetLine
+from spec_schema.registry import (
+    Feature,
+    FormatLine,
+    FunctionLine,
+    LayerLine,
+    SectionLine,
+    TargetLine,
+    VerbLine,
+)
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 from spec_schema.sections.spec import Spec
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import Unit
 
 __all__ = [
     "Arguments",
     "Axis",
     "CompileOther",
     "CompiledSection",
+    "DataColumns",
     "Diagnostic",
     "EntriesOf",
     "Entry",
+    "ExitCode",
     "ExportPlan",
     "ExpressionField",
     "Feature",
     "FloatTargetEntry",
+    "FormatLine",
     "FunctionLine",
     "GraphBuilder",
     "LateEntry",
@@ -71,6 +86,7 @@ __all__ = [
     "Linked",
     "Located",
     "ManyOf",
+    "MissingExtraError",
     "Model",
     "NewName",
     "NodeId",
@@ -98,18 +114,25 @@ __all__ = [
     "TargetEntry",
     "TargetLine",
     "Text",
+    "Unit",
     "UnitField",
+    "VerbLine",
     "Weights",
     "Written",
     "choice",
     "error",
     "float_plan",
+    "json_result",
+    "note",
+    "parse_unit",
     "read_elements",
     "read_scalars",
     "read_value",
     "read_values",
     "read_window",
     "remark",
+    "report",
+    "result",
     "step_program",
     "warning",
 ]

@@ -1,10 +1,12 @@
-"""Lays out tables: plain text with aligned columns, no colours; or Markdown."""
+"""Lays out tables, plain or as Markdown, and detects terminals."""
 
 from __future__ import annotations
 
+import os
 import unicodedata
 from collections.abc import Sequence
 from contextvars import ContextVar
+from typing import TextIO
 
 from spec_schema.late_dataclass import dataclass
 
@@ -109,3 +111,8 @@ def _columns(character: str) -> int:
     if unicodedata.combining(character):
         return 0
     return 2 if unicodedata.east_asian_width(character) in "WF" else 1
+
+
+def is_live(stream: TextIO) -> bool:
+    """True if the stream is a terminal that can rewrite lines."""
+    return stream.isatty() and not os.environ.get("CI") and os.environ.get("TERM") != "dumb"

@@ -6,15 +6,19 @@ only when a name is not ours, once in a process: the look-up takes longer than t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import re
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import field
 from threading import RLock
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, cast
 
 from spec_schema import registry
-from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.errors.plugins import left_out
-from spec_schema.fields.entry import Entry
-from spec_schema.fields.late_entry import LateEntry, LateObject
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors.plugins import faulty_plugin, left_out, what_was_raised
+from spec_schema.fields.entry import Entry, LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
 from spec_schema.names import is_name
 from spec_schema.registry import Feature, FeatureLines, KeyLine
@@ -25,8 +29,13 @@ if TYPE_CHECKING:
 GROUP = "msnn.features"
 _ALL = "all"
 """The word of `msnn export --to` for every target of msnn."""
-_OF_THE_LANGUAGE = LateObject("compiler.ir.scalars.signatures", "OF_THE_LANGUAGE")
+_OF_THE_LANGUAGE = LateObject("compiler.ir.scalars", "OF_THE_LANGUAGE")
 """Names that a function of a plug-in cannot have; the compiler has them, above this room."""
+_OF_THE_COMMAND_LINE = LateObject("msnn.cli.application", "VERBS")
+"""Names that a verb of a plug-in cannot have."""
+_OF_FILES = LateObject("msnn.data.formats.table_of_formats", "SUFFIXES")
+"""Suffixes that a format of a plug-in cannot have."""
+_SUFFIX = re.compile(r"\.[a-z0-9_-]+")
 
 SCHEMA_LOCK = RLock()
 """Held while the schema of specs changes, and while a spec is validated by it."""
@@ -50,6 +59,8 @@ class Plugins:
 
     found: tuple[Plugin, ...] = ()
     warnings: tuple[Diagnostic, ...] = ()
+    failed: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Packages whose plug-in is left out, each with the reason."""
 
 
 class _Search:
@@ -92,12 +103,81 @@ def forget() -> None:
             lines.remove(line)
         _SEARCH.added.clear()
         registry.FUNCTIONS.clear()
+        registry.VERBS.clear()
+        registry.FORMATS.clear()
         _SEARCH.plugins = None
 
 
 def plugins_with(names: Collection[tuple[str, str]]) -> tuple[Plugin, ...]:
     """The plug-ins that bring one of these: a kind such as `section`, and a name."""
     return tuple(plugin for plugin in known_plugins() if not plugin.keys.isdisjoint(names))
+
+
+def no_place(*arguments: object) -> Span | None:
+    """No place in the spec."""
+    del arguments
+
+
+def no_fault(value: object, *arguments: object) -> str | None:
+    """Accepts every value that a function of a plug-in returns."""
+    del value, arguments
+
+
+@dataclass(frozen=True)
+class PluginPart:
+    """One name that a plug-in brings, to report mistakes of its functions as the plug-in's."""
+
+    kind: str
+    key: str
+    module: str
+    passing: tuple[type[Exception], ...] = ()
+    """Exceptions by which its functions report mistakes of the user, besides SpecError."""
+
+    def fault(self, reason: str, place: Span | None = None) -> SpecError:
+        """The error E0230 for a mistake of the plug-in."""
+        part = f"the {self.kind} `{self.key}`"
+        plugin = next(iter(plugins_with([(self.kind, self.key)])), None)
+        package = self.module if plugin is None else f"{plugin.package} {plugin.version}"
+        return SpecError([faulty_plugin(package, part, reason, place)])
+
+    def guarded(
+        self,
+        function: Callable[..., Any],
+        fault: Callable[..., str | None] = no_fault,
+        place: Callable[..., Span | None] = no_place,
+    ) -> Callable[..., Any]:
+        """The function, with SpecError for other exceptions and for values that have a `fault`.
+
+        `fault` is asked with the value and the arguments, `place` with the arguments.
+        """
+
+        def call(*arguments: Any) -> Any:
+            try:
+                value = function(*arguments)
+                reason = fault(value, *arguments)
+            except (SpecError, MemoryError, *self.passing):
+                raise
+            # a plug-in may fail in any way
+            except (Exception, SystemExit) as error:
+                reason = what_was_raised(error, self.module)
+                raise self.fault(reason, place(*arguments)) from error
+            if reason is not None:
+                raise self.fault(reason, place(*arguments))
+            return value
+
+        return call
+
+
+def is_a(kind: type) -> Callable[..., str | None]:
+    """Finds a fault in values of another class."""
+
+    def fault(value: object, *arguments: object) -> str | None:
+        del arguments
+        if isinstance(value, kind):
+            return None
+        return f"returned a {type(value).__name__}, not a {kind.__name__}"
+
+    return fault
 
 
 def _looked_up() -> Plugins:
@@ -107,6 +187,7 @@ def _looked_up() -> Plugins:
     points = sorted(entry_points(group=GROUP), key=lambda point: (_package(point), point.name))
     found: list[Plugin] = []
     warnings: list[Diagnostic] = []
+    failed: dict[str, str] = {}
     for point in points:
         package = _package(point)
         try:
@@ -119,31 +200,72 @@ def _looked_up() -> Plugins:
             repair = f"install a version of {package} that fits this msnn, or remove it"
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             warnings.append(left_out(package, f"the plug-in `{point.name}`", reason, repair))
+            failed[package] = reason
             continue
         keys: set[tuple[str, str]] = set()
         for kind, lines, line in _lines(feature):
-            if is_name(line.key) and line.key != _ALL and lines.is_free(line.key):
+            reason = _why_not(kind, line.key, package, keys, found)
+            if reason is None and not lines.is_free(line.key):
+                reason = f"msnn has a {kind} or a word of its own with this name"
+            if reason is None:
                 lines.add(line)
                 _SEARCH.added.append((lines, line))
                 keys.add((kind, line.key))
             else:
-                warnings.append(_taken(package, kind, line.key))
+                warnings.append(_without(package, kind, line.key, reason))
         for function in feature.functions:
-            taken = function.key in (*_OF_THE_LANGUAGE.value, *registry.FUNCTIONS)
-            if is_name(function.key) and not taken:
+            reason = _why_not("function", function.key, package, keys, found)
+            if reason is None and function.key in _OF_THE_LANGUAGE.value:
+                reason = "msnn has a function of this name"
+            if reason is None:
                 registry.FUNCTIONS[function.key] = function
                 keys.add(("function", function.key))
             else:
-                warnings.append(_taken(package, "function", function.key))
+                warnings.append(_without(package, "function", function.key, reason))
+        for verb in feature.verbs:
+            reason = _why_not("verb", verb.key, package, keys, found)
+            if reason is None and verb.key in _OF_THE_COMMAND_LINE.value:
+                reason = "msnn has a verb of this name"
+            if reason is None:
+                registry.VERBS[verb.key] = verb
+                keys.add(("verb", verb.key))
+            else:
+                warnings.append(_without(package, "verb", verb.key, reason))
+        for format in feature.formats:
+            for suffix in format.suffixes:
+                reason = _why_not("format", suffix, package, keys, found)
+                if reason is None and suffix in _OF_FILES.value:
+                    reason = "msnn reads files of this suffix"
+                if reason is None:
+                    registry.FORMATS[suffix] = format
+                    keys.add(("format", suffix))
+                else:
+                    warnings.append(_without(package, "format", suffix, reason))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
-    return Plugins(tuple(found), tuple(warnings))
+    return Plugins(tuple(found), tuple(warnings), failed)
 
 
-def _taken(package: str, kind: str, key: str) -> Diagnostic:
-    reason = "msnn or another plug-in has this name, or it is no name"
+def _why_not(
+    kind: str, key: str, package: str, keys: Collection[tuple[str, str]], found: Collection[Plugin]
+) -> str | None:
+    """The reason why a plug-in cannot have a name; None unless it is no name or of a plug-in."""
+    if kind == "format" and not _SUFFIX.fullmatch(key):
+        return "it is no suffix, which is a dot with lower-case letters and digits"
+    # as in other commands, words of a verb's name may have a hyphen between them
+    if kind != "format" and not is_name(key.replace("-", "_") if kind == "verb" else key):
+        return "it is no name, which has letters, digits and `_`"
+    if kind == "target" and key == _ALL:
+        return "`all` means every target of msnn"
+    owners = [plugin.package for plugin in found if (kind, key) in plugin.keys]
+    if package in owners or (kind, key) in keys:
+        return "the package brings it twice"
+    return f"the package {owners[0]} has this {kind} already" if owners else None
+
+
+def _without(package: str, kind: str, key: str, reason: str) -> Diagnostic:
     return left_out(package, f"the {kind} `{key}`", reason, f"rename the {kind} in {package}")
 
 
@@ -165,6 +287,8 @@ _KINDS = {
     "targets": registry.TargetLine,
     "layers": registry.LayerLine,
     "functions": registry.FunctionLine,
+    "verbs": registry.VerbLine,
+    "formats": registry.FormatLine,
 }
 """The class of the lines in each field of a record."""
 
@@ -173,22 +297,33 @@ def _import_all(feature: Feature) -> None:
     """Imports the objects of all lines, so that a failure is reported before a spec is read.
 
     Raises TypeError for a line of another kind, an entry that is no `Entry`, and a target of
-    another name than its line.
+    another name than its line. A verb must be a function or a `typer.Typer`.
     """
-    for field, kind in _KINDS.items():
-        lines: object = getattr(feature, field)
+    for name, kind in _KINDS.items():
+        lines: object = getattr(feature, name)
         if not isinstance(lines, tuple) or not all(
             isinstance(line, kind) for line in cast("tuple[object, ...]", lines)
         ):
-            raise TypeError(f"`{field}` of its record is no tuple of {kind.__name__}")
+            raise TypeError(f"`{name}` of its record is no tuple of {kind.__name__}")
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
     named += [line.expand for line in feature.functions]
+    named += [line.read for line in feature.formats]
     named += [each for line in feature.layers for each in (line.entry, line.rule)]
     for each in named:
         is_entry = isinstance(each.value, type) and issubclass(each.value, Entry)
         if isinstance(each, LateEntry) and not is_entry:
             raise TypeError(f"`{each.module}:{each.name}` is no class with the base Entry")
+        if isinstance(each, LateEntry):
+            # a field whose type is no field type fails here, not at the first spec that has it
+            each.kind.model_rebuild(force=True)
     for line in feature.targets:
         if line.target.value.name != line.key:
             raise TypeError(f"the target of the line `{line.key}` has another name")
+    for line in feature.verbs:
+        command = line.command.value
+        # before typer is imported there is no object of it
+        typer = sys.modules.get("typer")
+        is_app = typer is not None and isinstance(command, typer.Typer)
+        if not isinstance(command, FunctionType) and not is_app:
+            raise TypeError(f"the verb of the line `{line.key}` is no function and no typer.Typer")

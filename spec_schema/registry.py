@@ -13,8 +13,7 @@ from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from spec_schema.expressions.language import Signature
-from spec_schema.fields.entry import Entry
-from spec_schema.fields.late_entry import LateEntry, LateObject
+from spec_schema.fields.entry import Entry, LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
 
 E = TypeVar("E", bound=Entry)
@@ -106,13 +105,13 @@ class SectionLine:
 SECTIONS = FeatureLines(
     SectionLine(
         "mpc",
-        LateEntry("msnn.features.control.keys.mpc", "OptimalControl"),
+        LateEntry("msnn.features.control.keys", "OptimalControl"),
         LateObject("msnn.features.control.sections", "MPC"),
         "The predictive controller whose plant is this model.",
     ),
     SectionLine(
         "estimator",
-        LateEntry("msnn.features.control.keys.estimator", "Estimator"),
+        LateEntry("msnn.features.control.keys", "Estimator"),
         LateObject("msnn.features.control.sections", "ESTIMATOR"),
         "How states that nobody measures are found while it runs.",
     ),
@@ -128,9 +127,9 @@ class PartLine:
     """Its key in an entry of `use`, and its word in the records of runs."""
     entry: LateEntry
     kind: LateObject
-    """The `spec_schema.sections.part.PartKind` that reads its file."""
+    """The `spec_schema.sections.submodels.PartKind` that reads its file."""
     members: LateObject
-    """The `compiler.elaboration.part_members.PartMembers` of what stands after its dot."""
+    """The `compiler.elaboration.names.PartMembers` of what stands after its dot."""
     about: str
     title: str
     """The word for it in messages."""
@@ -182,7 +181,7 @@ class TargetLine:
 TARGETS = FeatureLines(
     TargetLine(
         "mpc",
-        LateEntry("msnn.features.control.keys.export", "MpcExport"),
+        LateEntry("msnn.features.control.keys", "MpcExport"),
         LateObject("msnn.features.control.export.target", "TARGET"),
         "The controller of the `mpc` section as C99.",
         title="controllers",
@@ -246,11 +245,49 @@ class FunctionLine:
 FUNCTIONS: dict[str, FunctionLine] = {}
 """The functions of plug-ins; those of msnn are builtins of the compiler."""
 
+
+@dataclass(frozen=True)
+class VerbLine:
+    """A command of `msnn` that a plug-in brings."""
+
+    key: str
+    """Its name on the command line."""
+    help: str
+    """Its line in `msnn --help`."""
+    command: LateObject
+    """A function whose parameters typer reads, or a `typer.Typer` with several of them."""
+
+
+VERBS: dict[str, VerbLine] = {}
+"""The verbs of plug-ins; those of msnn are files in `msnn/cli/verbs/`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormatLine:
+    """A format of data files that a plug-in brings."""
+
+    name: str
+    """Its name in messages."""
+    suffixes: tuple[str, ...]
+    """The ends of its files' names, with the dot and in lower case."""
+    read: LateObject
+    """The function `(path, its name in messages) -> msnn.extending.DataColumns`."""
+    is_text: bool = False
+    """True if a message may show a line of the file."""
+    is_isolated: bool = False
+    """True if a separate process reads it, because a malformed file may crash its compiled
+    reader.
+    """
+
+
+FORMATS: dict[str, FormatLine] = {}
+"""The formats of plug-ins by suffix; those of msnn are in `msnn.data.formats`."""
+
 VERIFIED_EXPORTS = (
     LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
 )
 """The kinds of exports that `msnn verify` checks besides the C of a model, each a
-`msnn.verification.verified_export.VerifiedExport`."""
+`msnn.verification.verify.VerifiedExport`."""
 
 
 def with_keys(
@@ -292,3 +329,7 @@ class Feature:
     """Kinds of layers."""
     functions: tuple[FunctionLine, ...] = ()
     """Functions of expressions."""
+    verbs: tuple[VerbLine, ...] = ()
+    """Verbs of the command line."""
+    formats: tuple[FormatLine, ...] = ()
+    """Formats of data files."""

@@ -140,6 +140,9 @@ def _answer(asking: socket.socket) -> None:
         os.chdir(asked["folder"])
         os.environ.clear()
         os.environ.update(asked["environment"])
+        # as in a process that starts anew: there are the packages that a page installs
+        folders = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+        sys.path[:0] = [folder for folder in folders if folder and folder not in sys.path]
         sys.argv = ["msnn", *asked["words"]]
         from msnn.cli.main import main
 

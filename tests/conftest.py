@@ -13,7 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 
-from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+from msnn.simulation.engines.kernel_check import NO_FALLBACK
 from tests.command_server import commands
 from tests.effort import set_effort
 

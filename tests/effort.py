@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from backends.c.host import build
-from backends.c.selftest import golden_singles
-from backends.c.selftest.text import selftest_text
+from backends.c.selftest import selftest_text
+from backends.c.selftest.singles import golden_singles
 from backends.fmu import binary
 from backends.native import compile_kernel
 

@@ -22,7 +22,7 @@ from compiler.ir.program import (
 )
 from compiler.ir.types import WINDOW, Axis, Prediction, Type
 from compiler.layers.rules.fuzzy_sets import FuzzySets, triangular
-from compiler.passes.simplify.fold_constants import fold_constants
+from compiler.passes.simplify import fold_constants
 from compiler.passes.to_step_form import to_step_form
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.parser import parse_unit

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from backends.c.host import build
-from backends.c.selftest import golden_singles
-from backends.c.selftest.text import selftest_text
+from backends.c.selftest import selftest_text
+from backends.c.selftest.singles import golden_singles
 from backends.fmu import binary
 from backends.native import compile_kernel
 from tests.effort import AS_FOR_USERS, QUICK, TESTS, set_effort

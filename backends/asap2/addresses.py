@@ -1,4 +1,4 @@
-"""Writes addresses into an ASAP2 file, token by token, and leaves everything else as it is."""
+"""Writes addresses into an ASAP2 file and leaves all other text unchanged."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _BLOCKS = ("CHARACTERISTIC", "MEASUREMENT", "AXIS_PTS", "MEMORY_SEGMENT")
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """The place of an object: the name of the variable with its member, and the address."""
+    """The symbol of an object: variable name with member, and address."""
 
     name: str
     address: int
 
 
 Find: TypeAlias = Callable[[str], Symbol | None]
-"""The symbol for what a link, a memory segment or `EPK` and its text name; None leaves the object
-as it is."""
+"""Returns the symbol for the name of a link or memory segment, or for `EPK` and its text; None
+leaves the object unchanged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class _Token:
 
 
 def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
-    """The file with addresses and symbols of every object that is found, and the byte order."""
+    """The text with byte order, and with addresses and symbols of the objects that `find` knows."""
     changes: list[tuple[_Token, str]] = []
     tokens = list(_tokens(text))
     order = "MSB_FIRST" if big_endian else "MSB_LAST"
@@ -58,14 +58,14 @@ def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
 
 
 def linked(text: str) -> list[str]:
-    """The symbols that the objects of the file are linked to."""
+    """The symbol names of all `SYMBOL_LINK` entries."""
     tokens = [token.text for token in _tokens(text)]
     pairs = pairwise(tokens)
     return [after[1:-1] for before, after in pairs if before == "SYMBOL_LINK"]
 
 
 def epk(text: str) -> str | None:
-    """The text by which a tool tells whether an image is that of the file; None without one."""
+    """The EPK text, by which a tool checks that an image belongs to the file; None without one."""
     pairs = pairwise(token.text for token in _tokens(text))
     return next((after[1:-1] for before, after in pairs if before == "EPK"), None)
 
@@ -78,7 +78,7 @@ def _tokens(text: str) -> Iterator[_Token]:
 
 
 def _objects(tokens: list[_Token]) -> Iterator[list[_Token]]:
-    """The tokens of each object, from its keyword to its end."""
+    """The tokens of each object, from its keyword up to `/end`."""
     begin: int | None = None
     # /end stands before the keyword of what it ends
     for index, token in enumerate(tokens[:-1]):
@@ -91,7 +91,7 @@ def _objects(tokens: list[_Token]) -> Iterator[list[_Token]]:
 
 
 def _address(block: list[_Token]) -> _Token | None:
-    """Behind keyword, name and text, of characteristics and segments behind their kind too."""
+    """The token with the address of an object; None if it has none."""
     position = {"CHARACTERISTIC": 4, "AXIS_PTS": 3, "MEMORY_SEGMENT": 6}.get(block[0].text)
     if position is None:
         return _behind(block, "ECU_ADDRESS")

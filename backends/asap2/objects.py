@@ -1,4 +1,4 @@
-"""Defines what an ASAP2 file says of a number or an array in the memory of generated C."""
+"""Describes numbers, arrays and tables in the memory of generated C for ASAP2 files."""
 
 from __future__ import annotations
 
@@ -7,50 +7,56 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+import numpy as np
+
+from compiler.ir import ops
+from compiler.ir.program import Graph, Node, NodeId, Parameter, Program
+from compiler.ir.types import UNNAMED, Type
+
 Struct: TypeAlias = Literal["params", "in", "out", "state", "calibration"]
-"""A struct of the header, by the middle of its type's name."""
+"""A struct of the header, by the middle part of its type name."""
 
 Storage: TypeAlias = Literal["FLOAT32_IEEE", "FLOAT64_IEEE", "SWORD", "SLONG", "A_INT64", "ULONG"]
-"""How a number lies in memory, in ASAP2's words."""
+"""The ASAP2 name of the data type of an element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The quantity of numbers: physical = factor · stored; stored as they are by None."""
+    """The scaling of stored values: physical = factor · stored; None stores physical values."""
 
     unit: str
-    """Empty where the spec gives none."""
+    """Empty if the spec has no unit."""
     factor: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Knots:
-    """The numbers along one axis of a curve or a map, which are part of the code."""
+    """The points along one axis of a curve or a map, which are constants in the code."""
 
     values: tuple[float, ...]
     unit: str
     of: str | None
-    """The input or state that is looked up, by its name in the spec; None for what is computed."""
+    """The input or state that is looked up, by its name in the spec; None for a computed value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MemoryObject:
-    """A member of a struct: a parameter, or what can be measured."""
+    """A member of a struct: a parameter or a measurement."""
 
     name: str
-    """In the spec."""
+    """The name in the spec."""
     member: str
     struct: Struct
     doc: str
     axes: tuple[tuple[str, int], ...]
-    """Names and lengths, in C order."""
+    """Names and lengths of the axes, in C order."""
     scale: Scale
     low: float
     high: float
-    """Physical; infinite where the storage alone limits it."""
+    """Physical limit; infinite if only the data type limits it."""
     storage: Storage
     knots: tuple[Knots, ...] = ()
-    """One for each axis of a curve or a map that is longer than 1, else none."""
+    """For a curve or a map, the points of each axis longer than 1; otherwise empty."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -63,12 +69,12 @@ class MemoryObject:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A range of memory of its own, which a variable of the C fills."""
+    """A separate memory range, which one C variable fills."""
 
     type: str
-    """Of the variable."""
+    """The C type of the variable."""
     section: str
-    """As a linker knows it."""
+    """The linker section."""
     size: int
 
 
@@ -81,12 +87,94 @@ class CalibratedModel:
 
     name: str
     prefix: str
-    """Begins the names of its types in C, and of all that stands in the file."""
+    """Prefix of the C type names and of all names in the file."""
     doc: str
     version: str
-    """Of the spec that it was made of."""
+    """The version of the spec from which it was generated."""
     objects: Sequence[MemoryObject] = field(default=())
     segment: Segment | None = None
-    """Where parameters lie that have a place of their own."""
+    """The memory segment of the parameters, if they have their own."""
     remark: str = ""
-    """Said at the head of the file."""
+    """A remark for the head of the file."""
+
+
+def grids(program: Program) -> dict[str, Knots]:
+    """The points of each lookup axis, such as the knots of a table, by the name of the axis.
+
+    A lookup is found by its operation: the step subtracts an ascending list of constants from a
+    value, or compares the value with the list. The list has one axis, which the value lacks. An
+    axis is omitted if two different lists have its name, or if one list serves values of different
+    inputs, states or units.
+    """
+    graph = program.step
+    found: dict[str, set[Knots]] = {}
+    for _, node in graph:
+        if not isinstance(node.op, ops.Subtract | ops.Compare):
+            continue
+        # fuzzy sets and tables take the distance from points, or compare with them
+        value, points = (graph.unrepeated(arg) for arg in node.args)
+        at, kind = graph[points].op, graph[points].type
+        if not isinstance(at, ops.Constant) or len(kind.axes) != 1:
+            continue
+        axis = kind.axes[0]
+        # a value along the axis itself is no number that is looked up on it
+        if graph[value].type.axis(axis.name) is not None or not _ascends(at.values):
+            continue
+        unit = graph[value].type.unit
+        knots = Knots(at.values, "" if unit is None else unit.text, _looked_up(graph, value))
+        for name in _names_downstream(graph, points, axis.name):
+            found.setdefault(name, set()).add(knots)
+    # two lists of numbers along one axis: neither is told
+    return {name: next(iter(all)) for name, all in found.items() if len(all) == 1}
+
+
+def knots_of(parameter: Parameter, grids: dict[str, Knots]) -> tuple[Knots, ...]:
+    """The axis points of a curve or map with one or two axes; empty unless all axes have points."""
+    # an axis of one element, as that of a layer's only argument, moves nothing in memory
+    axes = [axis for axis in parameter.axes if axis.size > 1]
+    if not 1 <= len(axes) <= 2 or any(axis.name not in grids for axis in axes):
+        return ()
+    found = tuple(grids[axis.name] for axis in axes)
+    # one name may have two sizes, where layers cut an axis
+    fits = all(len(knots.values) == axis.size for knots, axis in zip(found, axes, strict=True))
+    return found if fits else ()
+
+
+def _ascends(values: tuple[float, ...]) -> bool:
+    return len(values) > 1 and bool(np.all(np.diff(values) > 0)) and bool(np.isfinite(values).all())
+
+
+def _looked_up(graph: Graph, node: NodeId) -> str | None:
+    """The scalar input or state that a value copies, ignoring shape and name; None for others."""
+    while isinstance(graph[node].op, ops.Broadcast | ops.Reshape | ops.Identity):
+        (node,) = graph[node].args
+    if graph[node].type.size != 1:
+        return None
+    match graph[node].op:
+        case ops.ReadSignal(name) | ops.ReadState(name):
+            return name
+        case _:
+            return None
+
+
+def _names_downstream(graph: Graph, first: NodeId, name: str) -> set[str]:
+    """All names that an axis has in values computed along it; unnamed axes are ignored."""
+    along: dict[NodeId, str] = {first: name}
+    for index, node in graph:
+        if index in along:
+            continue
+        for arg in node.args:
+            if arg in along and (new := _renamed(along[arg], graph[arg].type, node)) is not None:
+                along[index] = new
+                break
+    return set(along.values()) - {UNNAMED}
+
+
+def _renamed(name: str, before: Type, node: Node) -> str | None:
+    """The name of the axis in a result; None if the result lacks the axis."""
+    if isinstance(node.op, ops.Reshape):
+        if before.shape != node.type.shape:
+            return None
+        return node.type.axes[before.position(name)].name
+    kept = node.type.axis(name)
+    return name if kept is not None and kept == before.axis(name) else None

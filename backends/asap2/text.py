@@ -1,4 +1,4 @@
-"""Writes a model as an ASAP2 file whose addresses are still 0."""
+"""Writes a model as an ASAP2 file in which all addresses are still 0."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ _LAYOUTS: dict[_Order, str] = {"ROW_DIR": "rows", "COLUMN_DIR": "columns"}
 
 
 def a2l_text(model: CalibratedModel) -> str:
-    """The file, the same bytes for the same model; parsers of any version take its characters.
+    """The text of the file; the same model gives the same bytes, in plain ASCII.
 
-    `SYMBOL_LINK` names type and member: which variable that is says an ELF file.
+    `SYMBOL_LINK` names type and member; the variable is later taken from an ELF file.
     """
     names = _names(model)
     scales = list(dict.fromkeys(_scales(model)))
@@ -85,7 +85,7 @@ def a2l_text(model: CalibratedModel) -> str:
 
 
 def _segment(segment: Segment | None) -> list[str]:
-    """Named as the type of its variable, by which its address is found."""
+    """The memory segment, named like the type of its variable, by which its address is found."""
     if segment is None:
         return []
     about = quoted(f"section {segment.section}")
@@ -97,7 +97,7 @@ def _segment(segment: Segment | None) -> list[str]:
 
 
 def quoted(text: str) -> str:
-    """Any text as one string of ASAP2."""
+    """The text as one ASAP2 string."""
     return '"' + _plain(text).replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
@@ -113,7 +113,7 @@ def _number(value: float) -> str:
 
 
 def _names(model: CalibratedModel) -> dict[tuple[Struct, str], str]:
-    """By struct and member: `prefix.name`, which neither keywords nor other models have."""
+    """Names `prefix.name` by struct and member; they differ from keywords and from other models."""
     found: dict[tuple[Struct, str], str] = {}
     taken = {f"{model.prefix}.CM{number}" for number in range(1, len(model.objects) + 1)}
     # dots are allowed between identifiers; anything else in a name is written as C has it
@@ -139,9 +139,10 @@ def _scales(model: CalibratedModel) -> Iterable[Scale]:
 
 
 def _order(entry: MemoryObject) -> _Order:
-    """x is the first axis of a map, whose numbers C keeps together for each x: in columns.
+    """The storage order: by columns for curves and maps, by rows for other arrays.
 
-    Of other arrays x is the last axis, along which neighbours in memory lie: in rows.
+    The first axis of a map is x, and C stores the values of each x together. In other arrays x is
+    the last axis, along which adjacent elements lie.
     """
     return "COLUMN_DIR" if entry.knots else "ROW_DIR"
 
@@ -172,7 +173,7 @@ def _limits(entry: MemoryObject) -> str:
 
 
 def _dims(entry: MemoryObject) -> str:
-    """Three lengths, x first; more axes than three are one after the other along x."""
+    """Three lengths, x first; arrays with more than three axes become one long axis."""
     # ASAP2 counts x first, and x runs fastest: C has the last axis so
     shape = entry.shape[::-1] if len(entry.shape) <= 3 else (entry.size,)
     return "MATRIX_DIM " + " ".join(str(size) for size in (*shape, 1, 1)[:3])

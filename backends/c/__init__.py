@@ -2,7 +2,7 @@
 PCs.
 """
 
-from backends.c.write_c import write_c
+from backends.c.folder.file_texts import write_c
 from backends.c_lowering.options import COptions
 
 __all__ = ["COptions", "write_c"]

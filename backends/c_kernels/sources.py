@@ -6,15 +6,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from backends.c_kernels.constant_time import ConstantTimeLowering, choice_functions
-from backends.c_kernels.printer import KernelPrinter, dtype_of
 from backends.c_kernels.routine import RoutineLowering
-from backends.c_language.printer import placement
-from backends.c_language.tree import Function
+from backends.c_language.literals import Dtype
+from backends.c_language.printer import Printer, placement
+from backends.c_language.tree import Convert, Expression, Function
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import FORMATS, Format, RealName
-from compiler.kernels.trace.statements import Block, Branch, Call, Routine
-from compiler.kernels.trace.subroutine import trace
-from compiler.kernels.trace.without_branches import without_branches
+from compiler.kernels.trace.statements import Block, Branch, Call, Routine, without_branches
+from compiler.kernels.trace.values import trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,3 +160,23 @@ _ENVIRONMENT = """\
 #pragma STDC FP_CONTRACT OFF
 #endif
 """
+
+
+class KernelPrinter(Printer):
+    """The printer of a file that does not include the program's header."""
+
+    exact = True
+
+    @property
+    def real(self) -> str:
+        return "float" if self.dtype == "float32" else "double"
+
+    def operand(self, expression: Expression) -> str:
+        if isinstance(expression, Convert):
+            return self.expression(expression)
+        return super().operand(expression)
+
+
+def dtype_of(format: Format) -> Dtype:
+    """The dtype of a format, for printers."""
+    return "float32" if format.c_type == "float" else "float64"

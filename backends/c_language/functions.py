@@ -1,14 +1,18 @@
-"""Selects the functions that generated code calls: msnn kernels, a C library, or helpers."""
+"""Writes the operations and calls of generated C: own kernels, a C library, or helper functions."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol, assert_never
 
-from backends.c_language.helper_functions import HELPERS
+from backends.c_language import tree as c
 from backends.c_language.literals import Dtype, suffix
 from backends.c_language.math_library import MathLibrary
 from backends.c_language.tree import Call, Conditional, Expression, Function
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir import ops
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Kind
 
 _IN_LIBM = frozenset(
@@ -107,3 +111,223 @@ class FunctionTable:
             if name in self.helpers:
                 made.append(make(self))
         return tuple(reversed(made))
+
+
+class Calls(Protocol):
+    """Creates the calls inside helpers; a called helper is defined as well."""
+
+    @property
+    def prefix(self) -> str: ...
+
+    def helper(self, name: str, arguments: tuple[c.Expression, ...]) -> c.Expression: ...
+
+    def library(self, function: str, arguments: tuple[c.Expression, ...]) -> c.Expression: ...
+
+    def truth(self, condition: c.Expression) -> c.Expression: ...
+
+    def select(
+        self, kind: Kind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
+    ) -> c.Expression: ...
+
+
+def is_nan(x: c.Name) -> c.Expression:
+    """True for NaN only, since every number is ≤ +∞; `x != x` would cause compiler warnings."""
+    return c.Unary("!", c.Binary("<=", x, c.Real(math.inf)))
+
+
+def one_if(condition: c.Expression) -> c.Expression:
+    """1 or 0 without `&&` and `if`, which skip instructions."""
+    return c.Conditional(condition, c.Unsigned(1), c.Unsigned(0))
+
+
+def _truth(calls: Calls) -> c.Function:
+    condition, known = c.Name("condition"), c.Name("known")
+    body: tuple[c.Statement, ...] = (
+        # volatile: otherwise a compiler could branch on the comparison
+        c.Declare(c.CType.BOOL, known.text, condition, constant=True, volatile=True),
+        c.Return(known),
+    )
+    doc = "The condition; compilers cannot write code for true and for false behind it."
+    name, arguments = f"{calls.prefix}_truth", (c.Argument("bool", condition.text),)
+    return c.Function(
+        name=name, result="bool", arguments=arguments, body=body, doc=doc, static=True, inline=True
+    )
+
+
+def _select(calls: Calls) -> c.Function:
+    doc = "One of two values that are both there: no branch, an element of an array instead."
+    return _selecting(calls, "select", c.CType.REAL, f"{calls.prefix}_real", doc)
+
+
+def _select_truth(calls: Calls) -> c.Function:
+    return _selecting(calls, "select_truth", c.CType.BOOL, "bool", "The same for truth values.")
+
+
+def _selecting(calls: Calls, name: str, type: c.CType, written: str, doc: str) -> c.Function:
+    condition, then, otherwise, both = (
+        c.Name(text) for text in ("condition", "then", "otherwise", "both")
+    )
+    arguments = (
+        c.Argument("bool", condition.text),
+        c.Argument(written, then.text),
+        c.Argument(written, otherwise.text),
+    )
+    body: tuple[c.Statement, ...] = (
+        # an array element selected by the condition: the load takes the same time for both
+        c.Declare(type, both.text, size=2),
+        c.Assign(c.Element(both, c.Unsigned(0)), otherwise),
+        c.Assign(c.Element(both, c.Unsigned(1)), then),
+        c.Return(c.Element(both, one_if(condition))),
+    )
+    name = f"{calls.prefix}_{name}"
+    return c.Function(
+        name=name, result=written, arguments=arguments, body=body, doc=doc, static=True, inline=True
+    )
+
+
+def _outside(calls: Calls) -> c.Function:
+    x, low, high = c.Name("x"), c.Name("low"), c.Name("high")
+    above, below = (calls.truth(c.Binary(*test)) for test in ((">=", x, low), ("<=", x, high)))
+    # bitwise: `&&` would skip the second comparison
+    inside = c.Binary("&", one_if(above), one_if(below))
+    doc = "1 if x is not within low .. high, NaN included, else 0."
+    real = f"{calls.prefix}_real"
+    return c.Function(
+        name=f"{calls.prefix}_outside",
+        result="uint32_t",
+        arguments=tuple(c.Argument(real, name.text) for name in (x, low, high)),
+        body=(c.Return(c.Binary("^", inside, c.Unsigned(1))),),
+        doc=doc,
+        static=True,
+        inline=True,
+    )
+
+
+def _choice(name: str, first: str, second: str, doc: str) -> Callable[[Calls], c.Function]:
+    """Selects a or b by the relations `first` and `second` of a to b."""
+
+    def make(calls: Calls) -> c.Function:
+        a, b = c.Name("a"), c.Name("b")
+        # neither holds if one is NaN; the sum is then NaN
+        otherwise = calls.select(
+            "real", calls.truth(c.Binary(second, a, b)), b, c.Binary("+", a, b)
+        )
+        value = calls.select("real", calls.truth(c.Binary(first, a, b)), a, otherwise)
+        return _inline(calls, name, ("a", "b"), value, doc)
+
+    return make
+
+
+def _clamp(calls: Calls) -> c.Function:
+    raised = calls.helper("maximum", (c.Name("x"), c.Name("low")))
+    # low first, then high: crossed limits give the upper one, as in the interpreter
+    limited = calls.helper("minimum", (raised, c.Name("high")))
+    return _inline(calls, "clamp", ("x", "low", "high"), limited, "x within low .. high.")
+
+
+def _sign(calls: Calls) -> c.Function:
+    x, zero = c.Name("x"), c.Real(0.0)
+    level, negative, positive = (calls.truth(c.Binary(test, x, zero)) for test in (">=", "<", ">"))
+    # if no relation holds, x is NaN, and so is the result
+    otherwise = calls.select("real", negative, c.Real(-1.0), calls.select("real", level, zero, x))
+    value = calls.select("real", positive, c.Real(1.0), otherwise)
+    return _inline(calls, "sign", ("x",), value, "-1, 0 or 1; NaN of NaN.")
+
+
+def _square_root(calls: Calls) -> c.Function:
+    x, zero = c.Name("x"), c.Real(0.0)
+    valid = calls.truth(c.Binary(">=", x, zero))
+    # the root of 0 if x is negative: error handling of the library would take time
+    root = calls.library("sqrt", (calls.select("real", valid, x, zero),))
+    value = calls.select("real", valid, root, c.Real(math.nan))
+    doc = "The square root; libraries take longer to report that a number has none."
+    return _inline(calls, "square_root", ("x",), value, doc)
+
+
+def _inline(
+    calls: Calls, name: str, arguments: tuple[str, ...], value: c.Expression, doc: str
+) -> c.Function:
+    real = f"{calls.prefix}_real"
+    return c.Function(
+        name=f"{calls.prefix}_{name}",
+        result=real,
+        arguments=tuple(c.Argument(real, argument) for argument in arguments),
+        body=(c.Return(value),),
+        doc=doc,
+        static=True,
+        inline=True,
+    )
+
+
+HELPERS: Mapping[str, Callable[[Calls], c.Function]] = {
+    "truth": _truth,
+    "select": _select,
+    "select_truth": _select_truth,
+    "outside": _outside,
+    "minimum": _choice(
+        "minimum", "<=", ">", "The smaller one, the first of equal ones; NaN if one is."
+    ),
+    "maximum": _choice(
+        "maximum", ">=", "<", "The larger one, the first of equal ones; NaN if one is."
+    ),
+    "clamp": _clamp,
+    "sign": _sign,
+    "square_root": _square_root,
+}
+"""By name; each helper calls only earlier ones."""
+
+
+def scalar_operation(
+    op: ops.Computed,
+    operands: tuple[c.Expression, ...],
+    functions: FunctionTable,
+    kind: Kind = "real",
+) -> c.Expression:
+    """One element of the operation's value; `kind` is the type of a selected value."""
+    match op:
+        case ops.Add():
+            return c.Binary("+", *operands)
+        case ops.Subtract():
+            return c.Binary("-", *operands)
+        case ops.Multiply():
+            return c.Binary("*", *operands)
+        case ops.Divide():
+            return c.Binary("/", *operands)
+        case ops.Negate():
+            return c.Unary("-", *operands)
+        # not `fmin`, which ignores a NaN operand
+        case ops.Minimum():
+            return functions.helper("minimum", operands)
+        case ops.Maximum():
+            return functions.helper("maximum", operands)
+        case ops.Clamp():
+            return functions.helper("clamp", operands)
+        case ops.Compare(relation):
+            # in constant time `truth` prevents the compiler from branching on the comparison
+            return functions.truth(c.Binary(relation.value, *operands))
+        case ops.Select():
+            return functions.select(kind, *operands)
+        case ops.Apply(function):
+            return functions.apply(function, operands)
+        case _:
+            assert_never(op)
+
+
+def expression_size(expression: c.Expression) -> int:
+    """Number of operations and calls in an expression; indexing does not count."""
+    match expression:
+        case (
+            c.Name() | c.Real() | c.Integer() | c.Unsigned() | c.Truth() | c.Member() | c.Element()
+        ):
+            # loads do not count: the limit concerns line length and nesting
+            return 0
+        case c.Unary(_, operand) | c.Convert(_, operand):
+            return 1 + expression_size(operand)
+        case c.Binary(_, left, right):
+            return 1 + expression_size(left) + expression_size(right)
+        case c.Conditional(condition, then, otherwise):
+            return 1 + sum(map(expression_size, (condition, then, otherwise)))
+        case c.Call(_, arguments):
+            return 1 + sum(map(expression_size, arguments))
+        case _:
+            assert_never(expression)

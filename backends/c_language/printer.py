@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, assert_never
 
 from backends.c_language import tree as c
-from backends.c_language.comments import comment_text
-from backends.c_language.layout import WIDTH, comment, wrapped
 from backends.c_language.literals import Dtype, exact_literal, hex_literals, real_literal
+from backends.c_language.rendering import WIDTH, comment, comment_text, wrapped
 
 _INDENT = "    "
 

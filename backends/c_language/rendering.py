@@ -1,12 +1,13 @@
-"""Fills the C templates; model-specific parts are passed as finished text."""
+"""Renders the text of C files: templates, comments of any text, wrapped lines."""
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from backends.c_language.layout import comment, wrapped
 from backends.files.text_templates import text_templates
+from backends.ports.identifiers import ascii_text
 
 
 class Generated(Protocol):
@@ -63,3 +64,101 @@ def _fitted(line: str) -> list[str]:
     """Wraps a line that is too long; preprocessor directives cannot be wrapped."""
     # a directive ends with its line
     return [line] if line.startswith("#") else wrapped(line)
+
+
+def comment_text(text: str) -> str:
+    """One line of printable ASCII that cannot end the comment or continue it.
+
+    >>> comment_text('x */ #error\\n y')
+    'x * / #error y'
+    """
+    plain = _printable(text)
+    for ending, harmless in (("\\", "/"), ("*/", "* /"), ("/*", "/ *"), ("??", "? ?")):
+        # a replacement may form a new pair with its neighbour, as in `**//`
+        while ending in plain:
+            plain = plain.replace(ending, harmless)
+    # a slash at an end could join the comment's own delimiters
+    return plain.strip().strip("/").strip()
+
+
+def string_literal(text: str) -> str:
+    """A C string literal of the text, in printable ASCII."""
+    escaped = _printable(text).replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?")
+    return f'"{escaped}"'
+
+
+def string_size(text: str) -> int:
+    """Size of that literal in bytes, with its terminating zero."""
+    return len(_printable(text)) + 1
+
+
+def _printable(text: str) -> str:
+    visible = "".join(c if not c.isascii() or c.isprintable() else " " for c in text)
+    return " ".join(ascii_text(visible).split())
+
+
+WIDTH = 100
+_STEP = "    "
+_SHORTEST = 30
+"""Minimum number of columns of the first part of a wrapped line."""
+
+
+def comment(text: str, indent: str = "") -> str:
+    """A block comment of one or more lines; any text is safe."""
+    width = WIDTH - len(indent) - len("/*  */")
+    # no break at hyphens, which occur in file names and as minus
+    lines = textwrap.wrap(comment_text(text), width, break_on_hyphens=False) or [""]
+    return f"\n{indent} * ".join([f"{indent}/* {lines[0]}", *lines[1:]]) + " */"
+
+
+def wrapped(line: str) -> list[str]:
+    """Splits the line into parts of at most WIDTH characters, where spaces allow it.
+
+    It breaks at the last place with the fewest open parentheses.
+    """
+    body = line.lstrip(" ")
+    indent = line[: len(line) - len(body)]
+    # comments can break at any space
+    if len(line) > WIDTH and body.startswith("/*"):
+        return comment(body.removeprefix("/*").removesuffix("*/"), indent).split("\n")
+    parts: list[str] = []
+    while len(line) > WIDTH:
+        at = _break(line, len(indent) + (len(_STEP) if parts else 0))
+        if at is None:
+            break
+        parts.append(line[:at])
+        line = f"{indent}{_STEP}{line[at + 1 :]}"
+    return [*parts, line]
+
+
+def _break(line: str, start: int) -> int | None:
+    """Position of the space to break at, never inside a string; None if there is none."""
+    best: tuple[int, int] | None = None
+    depth = 0
+    quoted = False
+    for position in range(start, WIDTH):
+        character = line[position]
+        if character == '"' and line[position - 1] != "\\":
+            quoted = not quoted
+        elif quoted:
+            continue
+        elif character in "([{":
+            depth += 1
+        elif character in ")]}":
+            depth -= 1
+        elif _may_break(line, position) and (
+            best is None or depth <= best[0] or best[1] < start + _SHORTEST
+        ):
+            best = (depth, position)
+    return None if best is None else best[1]
+
+
+def _may_break(line: str, position: int) -> bool:
+    """At a space before an operator or after a comma."""
+    if line[position] != " ":
+        return False
+    operator = line[position + 1 :].split(" ", 1)[0]
+    return line[position - 1] == "," or operator in _OPERATORS
+
+
+_OPERATORS = frozenset(("+", "-", "*", "/", "<", "<=", ">", ">=", "&&", "||", "&", "?", ":"))

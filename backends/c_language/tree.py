@@ -7,8 +7,11 @@ build much of it import it as `c`, so that C nodes are easy to recognise.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any, cast
 
 
 class CType(Enum):
@@ -262,3 +265,18 @@ class Function:
     doc: str = ""
     static: bool = False
     inline: bool = False
+
+
+def used_names(statements: Iterable[Statement]) -> frozenset[str]:
+    """The names of all variables in expressions of the statements."""
+    found = set[str]()
+    waiting: list[Any] = [*statements]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, Name):
+            found.add(part.text)
+        elif isinstance(part, tuple):
+            waiting.extend(cast("tuple[Any, ...]", part))
+        elif dataclasses.is_dataclass(part):
+            waiting.extend(getattr(part, field.name) for field in dataclasses.fields(part))
+    return frozenset(found)

@@ -9,24 +9,21 @@ this code.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol, assert_never
 
-from backends.c_language.operations import scalar_operation
+from backends.c_language.functions import scalar_operation
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import BlockScope, SpecName
 from backends.c_language.tree import Binary, Expression
-from backends.c_lowering.active_memberships import ActiveMemberships, active_memberships
-from backends.c_lowering.active_sums import ActiveSums
-from backends.c_lowering.forwarding import forward_slices
-from backends.c_lowering.local_values import LocalValues
-from backends.c_lowering.shift_while_summing import write_moving_sum
+from backends.c_lowering.fuzzy_sets import ActiveMemberships, ActiveSums, active_memberships
 from backends.c_lowering.state_memory import ShiftBuffer
-from backends.c_lowering.sums import sum_along
-from backends.c_lowering.use_counts import MANY, only_units_moved, use_counts
+from backends.c_lowering.sums import sum_along, write_moving_sum
 from backends.c_lowering.values import (
     Computed,
     Indices,
+    LocalValues,
     Value,
     copy_value,
     depth_of,
@@ -36,8 +33,10 @@ from backends.c_lowering.values import (
     with_units_moved,
 )
 from compiler.ir import ops
+from compiler.ir.ops import Concat, Reshape, Slice
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis, Type
+from compiler.passes.analyses.compact_sets import CompactSets
 
 _DENSE = ActiveSums()
 """Every set of every sum is evaluated."""
@@ -254,3 +253,113 @@ class GraphLowering:
         assert last is not None  # adding an axis of length 1 is always possible
         parts = [self._surroundings.read(ops.ReadState(op.state), past), last]
         return self._joined(node, parts, len(axes))
+
+
+def forward_slices(graph: Graph) -> Graph:
+    """The graph with every slice taken directly from the source of its elements; ids do not change.
+
+    %3: concat(%0, %1) over t;  %4: %3[t, 5:6]    ->    %4: %1[t, 1:2]
+    """
+    nodes: list[Node] = []
+    for _, node in graph:
+        nodes.append(_forwarded(nodes, node))
+    return Graph(tuple(nodes))
+
+
+def _forwarded(nodes: list[Node], node: Node) -> Node:
+    while isinstance(node.op, Slice):
+        source = nodes[node.args[0]]
+        match source.op:
+            case Slice(axis, start, _) if axis == node.op.axis:
+                node = _taken(nodes, node, source.args[0], node.op.start + start)
+            case Concat(axis) if axis == node.op.axis:
+                found = _part(nodes, source, node.op)
+                if found is None:
+                    return node
+                node = _taken(nodes, node, *found)
+            case _:
+                return node
+    return node
+
+
+def _taken(nodes: list[Node], node: Node, source: NodeId, start: int) -> Node:
+    """The slice of another node, or a reshape of that node if it is the whole of it."""
+    assert isinstance(node.op, Slice)
+    size = node.op.stop - node.op.start
+    whole = nodes[source].type.axes == node.type.axes
+    # the node must stay, so that ids do not change; a reshape to the same shape is free
+    op = Reshape() if whole else Slice(node.op.axis, start, start + size)
+    return replace(node, op=op, args=(source,))
+
+
+def _part(nodes: list[Node], concat: Node, wanted: Slice) -> tuple[NodeId, int] | None:
+    """The part that contains all elements of the slice, and their start in it."""
+    begin = 0
+    for part in concat.args:
+        type = nodes[part].type
+        size = type.axes[type.position(wanted.axis)].size
+        if begin <= wanted.start and wanted.stop <= begin + size:
+            return part, wanted.start - begin
+        begin += size
+    return None
+
+
+MANY = 2
+"""Any number of uses above one."""
+
+_NO_SETS: Mapping[NodeId, CompactSets] = {}
+
+
+def use_counts(
+    graph: Graph, roots: Iterable[NodeId], active: Mapping[NodeId, CompactSets] = _NO_SETS
+) -> list[int]:
+    """For each node 0 (not needed), 1 (each element used at most once) or MANY.
+
+    A value with 1 can be computed at its use; one with MANY must be stored. Uses through a
+    broadcast, slice or reshape count for the value behind it. `active` fuzzy sets need only their
+    value and points, several times.
+    """
+    counts = [0] * len(graph)
+    for root in roots:
+        counts[root] = min(MANY, counts[root] + 1)
+    # backwards: all users of a node come after it
+    for index in range(len(graph) - 1, -1, -1):
+        sets = active.get(index)
+        # the value is compared with the points on both sides of each active set
+        if sets is not None and counts[index]:
+            counts[sets.value] = counts[sets.points] = MANY
+        elif counts[index]:
+            node = graph[index]
+            for arg in node.args:
+                uses = _uses(node, graph[arg].type, counts[index])
+                counts[arg] = min(MANY, counts[arg] + uses)
+    return counts
+
+
+def only_units_moved(old: Type, new: Type) -> bool:
+    """True if a reshape only adds, removes or renames axes of length 1."""
+    return [n for n in old.shape if n != 1] == [n for n in new.shape if n != 1]
+
+
+def _uses(node: Node, operand: Type, demand: int) -> int:
+    """The uses of an element of the operand if the node's own elements are used `demand` times."""
+    match node.op:
+        case ops.Broadcast():
+            # each element of the operand is used this many times in the result
+            return demand * (node.type.size // operand.size)
+        case ops.Slice() | ops.Identity():
+            return demand
+        case ops.Reshape():
+            return demand if only_units_moved(operand, node.type) else MANY
+        case ops.Contract(axis):
+            # a factor is read once for each element of the result along the axes that it lacks
+            return node.type.size * operand.axes[operand.position(axis)].size // operand.size
+        case ops.Window():
+            return MANY  # written to the buffer, and often to two places of it
+        case ops.Elementwise() | ops.Concat() | ops.Sum():
+            # computed once each, however often they are used themselves: then they are kept
+            return 1
+        case ops.Leaf():
+            return 0
+        case _:
+            assert_never(node.op)

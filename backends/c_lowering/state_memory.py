@@ -10,7 +10,7 @@ from backends.c_language.places import ArrayView, Index, c_strides, variable
 from backends.c_language.scope import BlockScope
 from backends.c_lowering.options import Ring
 from backends.c_lowering.values import copy_value
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.ops import Slice, Window
 from compiler.ir.program import History, NodeId, Program, State, Tape
 from compiler.ir.types import WINDOW

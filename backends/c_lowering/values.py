@@ -1,13 +1,17 @@
-"""Represents a value on its way into C: a place, or a recipe that is written where it is used."""
+"""Represents values on their way into C: places, recipes, and local variables that store them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from backends.c_language import tree as c
+from backends.c_language.functions import FunctionTable, expression_size
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import BlockScope
-from backends.c_language.tree import Expression
+from backends.c_language.scope import BlockScope, LocalName, SpecName
+from backends.c_language.tree import Expression, used_names
+from backends.c_lowering.spec_notes import SpecNotes
+from compiler.ir.program import Node
 from compiler.ir.types import Type
 
 Indices = Sequence[Index]
@@ -107,3 +111,121 @@ def _seen_through(
         return value.element(moved(indices), scope)
 
     return Computed(shape, make, value.depth + 1)
+
+
+_LONGEST_EXPRESSION = 5
+"""Maximum number of operations in one statement; longer expressions are split."""
+
+
+class LocalValues:
+    """Writes the locals of one function."""
+
+    def __init__(
+        self,
+        functions: FunctionTable,
+        notes: SpecNotes,
+        unroll: int,
+        parallel_sums: int = 1,
+        block: int = 1,
+        *,
+        names_constants: bool = False,
+    ) -> None:
+        self.functions = functions
+        self.notes = notes
+        self.parallel_sums = parallel_sums
+        """Number of partial sums of a long sum; more than 1 changes the order of summation."""
+        self.unroll = unroll
+        """Maximum number of elements for which loops are unrolled."""
+        self.block = block
+        """Terms of a long sum per iteration of its loop."""
+        self.names_constants = names_constants
+        """True if constants that the spec names have their name in C as well."""
+        self._known: dict[str, c.ConstantTable | c.Declare] = {}
+        """Constants that statements may use, by name in C."""
+        self._units: dict[str, str] = {}
+        """Units of constants of the spec."""
+
+    def name(self, node: Node, kind: str = "part") -> LocalName:
+        """The label of the node; otherwise a name from its equation and `kind`."""
+        return SpecName(node.label) if node.label else self.notes.part_name(node, kind)
+
+    def finished(self, node: Node, value: c.Expression, scope: BlockScope) -> c.Expression:
+        """The expression, or a named constant for it if the spec names it or it is long."""
+        # it already has a name
+        if isinstance(value, c.Name):
+            return value
+        if node.label is None and expression_size(value) <= _LONGEST_EXPRESSION:
+            return value
+        self.notes.write(node, scope)
+        return scope.constant(self.name(node), value, _c_type(node))
+
+    def kept(self, node: Node, value: Value, name: LocalName, scope: BlockScope) -> ArrayView:
+        """Stores the value in a new local."""
+        if node.label is not None and name == node.label:
+            name = SpecName(node.label)
+        boolean = node.type.kind == "bool"
+        if node.type.size > 1:
+            self.notes.write(node, scope)
+            place = self.array(node, name, scope)
+            copy_value(value, place, scope, self.unroll)
+            return place
+        indices = [Index()] * len(node.type.shape)
+        # a scalar may have axes of length 1, which need indices
+        made = value.make(indices, scope) if isinstance(value, Computed) else value.element(indices)
+        # a value that is already named needs no second name
+        if isinstance(value, ArrayView) or not isinstance(made, c.Name):
+            self.notes.write(node, scope)
+            made = scope.constant(name, made, _c_type(node))
+        return ArrayView.single(made, boolean).reshaped_single(node.type.shape)
+
+    def array(self, node: Node, name: LocalName, scope: BlockScope) -> ArrayView:
+        """A new uninitialised local array for the value."""
+        return ArrayView.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
+
+    def constants(self, statements: Sequence[c.Statement]) -> tuple[c.Statement, ...]:
+        """Declarations of the constants that the statements use."""
+        used = used_names(statements)
+        known = [(name, each) for name, each in self._known.items() if name in used]
+        shown = [f"{name} [{self._units[name]}]" for name, _ in known if name in self._units]
+        comment = (c.Comment(f"constants of the spec: {', '.join(shown)}"),) if shown else ()
+        return (*comment, *(each for _, each in known))
+
+    def known(
+        self,
+        values: tuple[float, ...],
+        type: Type,
+        name: LocalName,
+        scope: BlockScope,
+        *,
+        of_spec: bool = False,
+    ) -> ArrayView:
+        """A constant array: literals in expressions, or a table if a loop reads it.
+
+        A scalar that the spec names becomes a constant of that name.
+        """
+        # compared by their bits, since 0.0 == -0.0
+        if len({value.hex() for value in values}) == 1 and type.kind == "real":
+            # equal elements are one literal without array or index
+            if not (of_spec and self.names_constants):
+                return ArrayView.single(c.Real(values[0])).reshaped_single(type.shape)
+            local = c.Name(scope.fresh(name))
+            self._known[local.text] = c.Declare(
+                c.CType.REAL, local.text, c.Real(values[0]), constant=True, static=True
+            )
+            if type.unit is not None:
+                self._units[local.text] = type.unit.text
+            return ArrayView.single(local).reshaped_single(type.shape)
+        declared: list[c.Name] = []
+
+        # declared at its first use in a loop: elements with constant index are literals
+        def table() -> c.Expression:
+            if not declared:
+                declared.append(c.Name(scope.fresh(name)))
+                self._known[declared[0].text] = c.ConstantTable(declared[0].text, values)
+            return declared[0]
+
+        return ArrayView.array(values, type.shape, table).of_kind(boolean=type.kind == "bool")
+
+
+def _c_type(node: Node) -> c.CType:
+    return c.CType.BOOL if node.type.kind == "bool" else c.CType.REAL

@@ -6,16 +6,14 @@ from collections.abc import Iterable, Mapping
 
 import casadi
 
-from backends.casadi_function.columns import Expression
-from backends.casadi_function.lowering import Symbols, exact_arithmetic, lower_nodes
+from backends.casadi_function.lowering import Expression, Symbols, exact_arithmetic, lower_nodes
 from backends.casadi_function.options import Form
 from backends.ports.step_interface import Port, PortNames, port_names, step_interface
 from compiler.ir.program import Parameter, Program
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis
-from compiler.passes.derivatives.guard_infinite_slopes import guard_infinite_slopes
-from compiler.passes.derivatives.guard_untaken import guard_untaken
 from compiler.passes.expand_functions import expand_functions
+from compiler.passes.guard_derivatives import guard_infinite_slopes, guard_untaken
 
 NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.casadi)
 """Scalar functions that CasADi has; others are lowered by their definition."""

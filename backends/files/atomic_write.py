@@ -1,4 +1,4 @@
-"""Writes files atomically: under a temporary name in the same folder, then renamed."""
+"""Writes files atomically under a temporary name; appends records completely or not at all."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import errno
 import os
 import re
 import shutil
+import signal
+import threading
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from io import SEEK_END, FileIO
 from pathlib import Path
 from stat import S_IRUSR, S_ISLNK, S_ISREG
 from tempfile import TemporaryDirectory
+from types import FrameType
 from typing import BinaryIO
-
-from backends.files.signals_wait import signals_wait
 
 _OPENED = re.compile(r"/dev/(?:stdout|stderr)|(?:/dev|/proc/self)/fd/(?P<number>\d+)")
 """Names of streams that the shell opened for a command."""
@@ -182,3 +185,57 @@ def _appear(temporary: Path, folder: Path) -> None:
     with signals_wait():
         for path in files:
             path.replace(folder / path.relative_to(temporary))
+
+
+@contextmanager
+def signals_wait() -> Generator[None]:
+    """Handles signals after the block; has no effect outside the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        del frame
+        came.append(number)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        # after restoring all handlers, as the first signal may raise an exception
+        for number in came:
+            signal.raise_signal(number)
+
+
+@dataclass(slots=True)
+class AppendedFile:
+    """A file that writes its records immediately."""
+
+    path: Path
+    _file: FileIO | None = field(init=False, default=None)
+
+    def write(self, record: bytes) -> None:
+        """Appends the record. An OSError, which names the file, leaves the file unchanged."""
+        with naming(self.path):
+            if self._file is None:
+                # unbuffered: otherwise `close` would retry data that a full disk refused
+                self._file = self.path.open("ab", buffering=0)
+            end = self._file.seek(0, SEEK_END)
+            rest = record
+            try:
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except OSError:
+                # remove the first bytes of a partly written record
+                with suppress(OSError):
+                    self._file.truncate(end)
+                raise
+
+    def close(self) -> None:
+        """Closes the file; a later record opens it again."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None

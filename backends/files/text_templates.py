@@ -1,4 +1,4 @@
-"""Opens the templates of C, Python, YAML and Markdown texts."""
+"""Opens the templates of C, Python, YAML and Markdown texts, and renders READMEs of exports."""
 
 from __future__ import annotations
 
@@ -32,3 +32,13 @@ def text_templates(
     )
     environment.filters.update(filters)
     return environment
+
+
+def readme_text(target: str, **facts: str | bool) -> str:
+    """Renders `templates/<target>/README.md.j2`; a missing fact is an error."""
+    return text_templates().get_template(f"{target}/README.md.j2").render(**facts)
+
+
+def one_line(text: str) -> str:
+    """Text of a spec for a Markdown heading: one line, without code or HTML."""
+    return " ".join(text.split()).replace("`", "'").replace("<", "‹").replace(">", "›")

@@ -1,4 +1,4 @@
-"""Compiles the sources of a unit for this machine, under the names that FMI has for it."""
+"""Compiles the sources of a unit for this machine, under the file names that FMI prescribes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from pathlib import Path
 import templates
 from backends.c.host.build import link_library
 from backends.files.atomic_write import naming
+from backends.files.c_compiler import zig_program
 from backends.fmu.sources import Version
 
 HEADERS = Path(templates.__path__[0]) / "fmu" / "headers"
-"""FMI's own, as the standard publishes them."""
+"""The FMI headers, as the standard publishes them."""
 
 # no contraction: fused products would round otherwise than the judge; hidden names: two units in
 # one process must not share symbols
@@ -24,17 +25,17 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """The names of binaries for a kind of machine."""
+    """The names of binaries for a platform."""
 
     fmi2: str | None
     """The folder of the binary in FMI 2.0; None if FMI 2.0 has no name for the platform."""
     fmi3: str
     suffix: str
     target: str
-    """As zig calls it, with the oldest C library or system that it is to run with."""
+    """The target name of zig, with the oldest supported C library or system version."""
 
     def path(self, version: Version, prefix: str) -> str | None:
-        """The path of the binary in the archive; None where it can have none."""
+        """The path of the binary in the archive; None if this version of FMI has no path for it."""
         folder = self.fmi2 if version == 2 else self.fmi3
         return None if folder is None else f"binaries/{folder}/{prefix}.{self.suffix}"
 
@@ -49,7 +50,7 @@ _KNOWN = (
     Platform(None, "aarch64-darwin", "dylib", "aarch64-macos.11.0"),
 )
 PLATFORMS = {platform.fmi3: platform for platform in _KNOWN}
-"""By the name that FMI 3.0 has for them."""
+"""The platforms by their FMI 3.0 names."""
 
 
 def this_platform() -> Platform | None:
@@ -70,7 +71,7 @@ def this_platform() -> Platform | None:
 
 
 def binary(sources: Mapping[str, str], compiler: Sequence[str], name: str) -> bytes:
-    """A shared library of these files, of that name. Raises CompilerFailedError."""
+    """Compiles these files to a shared library with this name. Raises CompilerFailedError."""
     with tempfile.TemporaryDirectory(prefix="msnn-fmu-") as place:
         folder = Path(place)
         for file, text in sources.items():
@@ -85,3 +86,33 @@ def binary(sources: Mapping[str, str], compiler: Sequence[str], name: str) -> by
             [*compiler, *FLAGS], texts, [HEADERS, folder], folder / name, *linking
         )
         return library.read_bytes()
+
+
+def zig_compiler(target: Platform) -> tuple[str, ...]:
+    """The command of the wheel `ziglang` for a platform."""
+    command = (str(_zig()), "cc", "-target", target.target)
+    return (*command, *_without_mingw()) if target.suffix == "dll" else command
+
+
+def zig_libraries() -> Path:
+    """The folder of the wheel with the headers and sources of C libraries."""
+    return _zig().parent / "lib" / "libc"
+
+
+def _zig() -> Path:
+    program = zig_program()
+    assert program is not None, "its users ask for the wheel first"
+    return program
+
+
+def _without_mingw() -> tuple[str, ...]:
+    """Links libraries of Windows itself, as zig has the C library of MinGW only as source code.
+
+    Compiling that takes a minute, and units call nothing of it (decision 0395).
+    """
+    headers = zig_libraries() / "include" / "any-windows-any"
+    libraries = (f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("heap", "string", "math"))
+    # zig's own runtime has what compilers call: memcpy, and the probes of large stacks. Loading
+    # prepares nothing, so that there is no function for it
+    linking = ("-nostdlib", "-rtlib=compiler-rt", "-Wl,--no-entry", *libraries)
+    return ("-isystem", str(headers), *linking)

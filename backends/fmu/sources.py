@@ -1,4 +1,4 @@
-"""Writes the C of a unit: the generated model, an instance of it, and the functions of FMI."""
+"""Writes the C code of a unit: the generated model, an instance of it, and the FMI functions."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import Any, Literal
 import numpy as np
 
 from backends.c.folder.file_texts import model_texts
+from backends.c.folder.header_text import step_bits
 from backends.c.interface.interface import Interface
 from backends.c.interface.status import MEANING, StatusBit, status_macro
-from backends.c.interface.status_bits import step_bits
-from backends.c_language.comments import comment_text, string_literal
 from backends.c_language.literals import real_literal
-from backends.c_language.rendering import render
-from backends.fmu.description.variable import UnitVariables, Variable, VariableKind
-from backends.fmu.description.variables import FIRST, Weights
+from backends.c_language.rendering import comment_text, render, string_literal
+from backends.fmu.variable import UnitVariables, Variable, VariableKind
+from backends.fmu.variables import FIRST, Weights
 from compiler.ir.program import Program
 
 Version = Literal[2, 3]
@@ -22,8 +21,7 @@ VERSIONS: tuple[Version, ...] = (2, 3)
 
 
 def model_sources(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """The generated C that both versions share, without its identity, by names of files in one
-    folder."""
+    """The generated C that both versions share, without its identity, by file name."""
     texts = model_texts(program, interface, weights)
     prefix = interface.prefix
     # sources lie in one folder of a unit: folders of an export are taken off
@@ -34,7 +32,7 @@ def model_sources(program: Program, interface: Interface, weights: Weights) -> d
 def unit_sources(
     program: Program, interface: Interface, variables: UnitVariables, version: Version, token: str
 ) -> dict[str, str]:
-    """The sources that a version of FMI adds."""
+    """The sources that one version of FMI adds."""
     prefix = interface.prefix
     facts = _facts(program, interface, variables, token)
     titles = {
@@ -49,12 +47,15 @@ def unit_sources(
 
 
 def has_slopes(interface: Interface) -> bool:
-    """Whether there are slopes of outputs in inputs."""
+    """True if the unit has derivatives of outputs with respect to inputs."""
     return interface.jacobian is not None and any(f.matrix.size for f in interface.jacobian.fields)
 
 
 def bits_of_steps(interface: Interface) -> list[StatusBit]:
-    """The bits of a step and the start; of slopes an importer is told when it asks for them."""
+    """The status bits of a step and the start, without that of the Jacobian.
+
+    An importer gets the latter when it requests derivatives.
+    """
     return [bit for bit in step_bits(interface) if bit is not StatusBit.SLOPE_NOT_FINITE]
 
 
@@ -145,7 +146,7 @@ def _declared(interface: Interface, variable: Variable) -> str:
 
 
 def _beginning(interface: Interface, variable: Variable) -> list[str]:
-    """Sets what begins as something else than 0: inputs, and samples before the first step."""
+    """Statements for nonzero start values of inputs and of samples before the first step."""
     if variable.kind not in (VariableKind.INPUT, VariableKind.SAMPLES) or not np.any(
         variable.start
     ):
@@ -164,7 +165,7 @@ def _beginning(interface: Interface, variable: Variable) -> list[str]:
 def _fills(
     interface: Interface, variables: UnitVariables, marks: dict[str, int]
 ) -> list[dict[str, Any]]:
-    """The rules that fill samples of an input which nobody set from the input's own value."""
+    """The rules by which samples of an input that nobody set take the input's own value."""
     inputs = {variable.place: variable for variable in variables.of(VariableKind.INPUT)}
     samples = {variable.place: variable for variable in variables.of(VariableKind.SAMPLES)}
     given = {input.port.signal.name: input for input in interface.inputs}

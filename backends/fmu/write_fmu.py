@@ -1,8 +1,13 @@
-"""Writes a model as Functional Mock-up Units of FMI 2.0 and 3.0: an archive each."""
+"""Writes Functional Mock-up Units of FMI 2.0 and 3.0: an archive each, and their headers."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import hashlib
+import io
+import uuid
+import zipfile
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -11,14 +16,22 @@ from numpy.typing import ArrayLike
 from backends.c.interface.interface import Interface, c_interface
 from backends.c.interface.status import MEANING
 from backends.c_lowering.options import COptions
-from backends.files.atomic_write import write_text
+from backends.files.atomic_write import write_bytes, write_text
+from backends.files.c_compiler import CompilerMissingError, find_compiler
 from backends.files.export_identity import identity_of, with_identity
-from backends.files.readme import one_line, readme_text
-from backends.fmu.description.facts import UnitFacts
-from backends.fmu.description.variable import UnitVariables, Variable, VariableKind
-from backends.fmu.description.variables import unit_variables
-from backends.fmu.sources import bits_of_steps, has_slopes, model_sources, unit_sources
-from backends.fmu.write_units import write_headers, write_units
+from backends.files.text_templates import one_line, readme_text
+from backends.fmu import model_description
+from backends.fmu.binary import HEADERS, PLATFORMS, Platform, binary, this_platform, zig_compiler
+from backends.fmu.sources import (
+    VERSIONS,
+    Version,
+    bits_of_steps,
+    has_slopes,
+    model_sources,
+    unit_sources,
+)
+from backends.fmu.variable import UnitFacts, UnitVariables, Variable, VariableKind
+from backends.fmu.variables import unit_variables
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 
@@ -30,10 +43,10 @@ def write_fmu(
     options: COptions,
     platforms: Collection[str] = (),
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>_fmi2.fmu`, `<prefix>_fmi3.fmu`, FMI's headers and a README; their paths.
+    """Writes `<prefix>_fmi2.fmu`, `<prefix>_fmi3.fmu`, FMI headers and a README; returns paths.
 
-    `program` is in step form. Bytes and errors are those of `write_units`; ValueError besides, as
-    `write_c` raises it.
+    `program` is in step form. Bytes and errors are those of `write_units`. Also raises ValueError,
+    like `write_c`.
     """
     interface = c_interface(program, options)
     physical = physical_weights(program, weights)
@@ -79,7 +92,7 @@ def _status_doc(interface: Interface) -> str:
 
 
 def _depends(interface: Interface, variables: UnitVariables) -> dict[str, Sequence[Variable]]:
-    """By the pattern of D, whose rows are outputs and whose columns are inputs."""
+    """The inputs on which each output depends, from the sparsity of D (outputs, inputs)."""
     assert interface.jacobian is not None
     found = interface.jacobian.jacobian
     direct = next(matrix for matrix in found.matrices if matrix.name == "D")
@@ -99,3 +112,133 @@ def _depends(interface: Interface, variables: UnitVariables) -> dict[str, Sequen
                 columns.append(inputs[column.name])
         depends[row.name] = columns
     return depends
+
+
+_HEADERS_OF: dict[Version, tuple[str, ...]] = {
+    2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+
+
+def write_units(
+    facts: UnitFacts,
+    model: Mapping[str, str],
+    unit: Callable[[Version, str], Mapping[str, str]],
+    folder: Path,
+    platforms: Collection[str] = (),
+) -> tuple[Path, ...]:
+    """Writes `<prefix>_fmi2.fmu` and `<prefix>_fmi3.fmu`; returns their paths.
+
+    `model` are the sources that both versions share. `unit` adds those of one version with a given
+    token; both map file names to texts. The same arguments give the same bytes, except for the
+    binary from this machine's compiler; without a compiler, units contain only sources. zig, which
+    must be installed, compiles for other `platforms`, given by their FMI 3.0 names. Raises
+    CompilerFailedError for a compiler that rejects the sources, and OSError.
+    """
+    compilers = _compilers(platforms)
+    written: list[Path] = []
+    for version in VERSIONS:
+        # the token is of the texts without one: it stands in them
+        token = _token(facts, version, {**model, **unit(version, "")})
+        sources = {**model, **unit(version, token)}
+        files = _files(facts, version, sources, token)
+        for platform, compiler in compilers.items():
+            # FMI 2.0 has no name for some machines: their unit has sources alone
+            place = platform.path(version, facts.prefix)
+            if place is not None:
+                files[place] = binary(sources, compiler, place.rpartition("/")[2])
+        path = folder / f"{facts.prefix}_fmi{version}.fmu"
+        written.append(write_bytes(path, archive(files)))
+    return tuple(written)
+
+
+def write_headers(folder: Path) -> tuple[Path, ...]:
+    """Writes `include/` with the FMI headers; returns their paths."""
+    return tuple(
+        write_text(folder / "include" / name, (HEADERS / name).read_text(encoding="utf-8"))
+        for name in sorted(name for names in _HEADERS_OF.values() for name in names)
+    )
+
+
+def _compilers(platforms: Collection[str]) -> dict[Platform, Sequence[str]]:
+    """The compiler of each platform; this machine's own compiler serves its own platform."""
+    here = this_platform()
+    found: dict[Platform, Sequence[str]] = {}
+    if here is not None:
+        # without a compiler here the sources are the unit
+        with suppress(CompilerMissingError):
+            found[here] = find_compiler()
+    for name, platform in PLATFORMS.items():
+        if name in platforms and name not in {known.fmi3 for known in found}:
+            found[platform] = zig_compiler(platform)
+    return found
+
+
+def _files(
+    facts: UnitFacts, version: Version, sources: Mapping[str, str], token: str
+) -> dict[str, bytes]:
+    """All files of the archive except the binary, by path."""
+    compiled = sorted(name for name in sources if name.endswith(".c"))
+    texts = {f"sources/{name}": text for name, text in sources.items()}
+    if version == 2:
+        texts["modelDescription.xml"] = model_description.fmi2_description(facts, compiled, token)
+    else:
+        texts["modelDescription.xml"] = model_description.fmi3_description(facts, token)
+        texts["sources/buildDescription.xml"] = model_description.build_text(facts.prefix, compiled)
+    texts["documentation/licenses/license.txt"] = _licence(version)
+    # archives have bytes: line ends stay as they are on every system
+    return {path: text.encode("utf-8") for path, text in texts.items()}
+
+
+def _licence(version: Version) -> str:
+    """A statement about generated code, and the licence text of the FMI headers."""
+    header = (HEADERS / _HEADERS_OF[version][0]).read_text(encoding="utf-8")
+    # the licence of the headers must go with what is compiled from them
+    begin = header.index("Copyright (C)")
+    terms = header[begin : header.index("*/", begin)].rstrip()
+    own = (
+        "The sources and descriptions in this unit were generated for you: they are yours,\n"
+        "without conditions. The binary was compiled from them and from the headers of FMI:\n\n"
+    )
+    return f"{own}{terms}\n"
+
+
+def _token(facts: UnitFacts, version: Version, sources: Mapping[str, str]) -> str:
+    """A hash of all files of the unit, as a GUID; different models have different tokens."""
+    digest = hashlib.sha256()
+    for path, data in sorted(_files(facts, version, sources, "").items()):
+        # lengths too, so that no two lists of files give the same bytes
+        digest.update(f"{path}\n{len(data)}\n".encode())
+        digest.update(data)
+    # a GUID in braces, as FMI 2.0 writes it
+    return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
+
+
+_DATE = (1980, 1, 1, 0, 0, 0)
+"""The earliest date that ZIP supports, used for all files of a unit."""
+
+BINARIES = "binaries/"
+
+_UNIX = 3
+_FILE, _PROGRAM = 0o100644, 0o100755
+
+
+def archive(files: Mapping[str, bytes]) -> bytes:
+    """A ZIP archive of files by path, in the order of their paths."""
+    found = io.BytesIO()
+    with zipfile.ZipFile(found, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as packed:
+        for path in sorted(files):
+            entry = zipfile.ZipInfo(path, _DATE)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            # extractors take permission bits from systems that have them; binaries must be runnable
+            entry.create_system = _UNIX
+            mode = _PROGRAM if path.startswith(BINARIES) else _FILE
+            entry.external_attr = mode << 16
+            packed.writestr(entry, files[path], compresslevel=9)
+    return found.getvalue()
+
+
+def holds_binary(path: Path) -> bool:
+    """True if the unit in this file contains a compiled binary."""
+    with zipfile.ZipFile(path) as packed:
+        return any(name.startswith(BINARIES) for name in packed.namelist())

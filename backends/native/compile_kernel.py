@@ -1,10 +1,15 @@
-"""Builds kernels; the cache key consists of source, flags, compiler and processor."""
+"""Builds kernels, and describes the compiler and the instruction sets that they use.
+
+The cache key consists of source, flags, compiler and processor.
+
+"""
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
 import platform
+import re
 import shlex
 import tempfile
 from collections.abc import Callable
@@ -13,11 +18,17 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from backends.files.c_compiler import CompilerMissingError, find_compiler, installed_as
-from backends.files.compiler_words import complaints
-from backends.files.run_compiler import CompilerTooSlowError, Finished, has_room, run_compiler
-from backends.native.kernel_cache.folders import candidates, opened
-from backends.native.kernel_cache.stored_kernel import StoredKernel
+from backends.files.c_compiler import (
+    CompilerMissingError,
+    CompilerTooSlowError,
+    Finished,
+    complaints,
+    find_compiler,
+    has_room,
+    installed_as,
+    run_compiler,
+)
+from backends.native.kernel_cache import StoredKernel, candidates, opened
 
 FLAGS = (
     "-std=gnu11",
@@ -34,7 +45,7 @@ FLAGS = (
 """No -ffast-math: gcc would link code that flushes denormals in the whole process, NaN tests would
 fail, and the math kernels would lose their exact roundings. No contraction: each compiler fuses
 other products. The emitter itself splits long sums, and writes `fused` where one rounding is enough
-(lanes/fused_products.py).
+(lane_kernels.py).
 
 The `lra` parameter limits gcc to 50 candidates for spilling instead of 500. For large models it
 then needs about a fifth less time, and the code is as fast (benchmarks/kernel_build). clang ignores
@@ -191,3 +202,67 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
     wanted = ("model name", "flags", "Features", "CPU part")
     return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
+
+
+_FEATURES = {
+    "__FMA__": "FMA",
+    "__AVX2__": "AVX2",
+    "__AVX512F__": "AVX-512",
+    "__aarch64__": "AArch64",
+    "__FP_FAST_FMAF": "FMA",
+}
+"""Macros of gcc and clang for instruction sets that affect a kernel's speed or bits."""
+
+_FUSE = {"FMA", "AArch64"}
+"""Features for which templates/native/prelude.c defines HAS_FMA."""
+
+_SECONDS = 30.0
+"""Time limit, far above the usual time."""
+
+
+@dataclass(frozen=True, slots=True)
+class KernelDescription:
+    """The compiler and the processor features of kernels on this machine."""
+
+    compiler: str
+    command: str
+    flags: tuple[str, ...]
+    features: tuple[str, ...]
+
+    @property
+    def fuses(self) -> bool:
+        """True if a·b + c is one instruction, so that bits equal those of other such processors."""
+        return not _FUSE.isdisjoint(self.features)
+
+
+def kernel_description() -> KernelDescription | None:
+    """The description; None without a working compiler."""
+    try:
+        compiler = find_compiler()
+        told = _macros(compiler, installed_as(compiler))
+    except (CompilerMissingError, CompilerTooSlowError, OSError):
+        return None
+    macros = dict(re.findall(r"^#define (\w+) ?(.*)$", told, re.MULTILINE))
+    # clang also defines the macros of gcc
+    family = "clang" if "__clang__" in macros else "gcc"
+    version = macros.get("__VERSION__", "").strip('"').strip()
+    found = dict.fromkeys(name for macro, name in _FEATURES.items() if macro in macros)
+    return KernelDescription(
+        compiler=version if family in version.lower() else f"{family} {version}",
+        command=shlex.join(compiler),
+        flags=kernel_flags(compiler, on_lanes=True),
+        features=tuple(found),
+    )
+
+
+@cache
+def _macros(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
+    """The macros of the compiler with the flags of kernels, cached while its file does not
+    change.
+    """
+    del file
+    command = [*compiler, *kernel_flags(compiler, on_lanes=True), "-dM", "-E", "-x", "c", "-"]
+    told = run_compiler(command, longest=_SECONDS)
+    if told.code != 0:
+        raise CompilerMissingError(f"`{shlex.join(compiler)}` says nothing of itself")
+    return told.output

@@ -1,9 +1,9 @@
-"""Arranges the logs in the memory layout of a kernel."""
+"""Arranges logs and rollouts in the memory of a kernel: ctypes structs, arrays, groups of lanes."""
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from backends.files.disk_arrays import blocks, laid_out
 from backends.native.kernel_source import KernelSource
-from backends.native.kernel_structs import ProblemStruct, pointers
 
 FloatArray = NDArray[np.float64]
 
@@ -52,3 +51,181 @@ class KernelData:
         for name, values in series.items():
             if name in self._names:
                 self._series[self._names.index(name)][...] = values
+
+
+_ALIGNMENT = 64
+"""Size in bytes of the widest vector."""
+
+
+class ProblemStruct(ctypes.Structure):
+    """The data of a kernel call: series, scored rows, skipped steps.
+
+    `struct problem` of templates/native/driver.c.
+    """
+
+    # ctypes uses the platform's ABI: order and widths must agree with the C code
+    _fields_ = (
+        ("series", ctypes.c_void_p),
+        ("rows", ctypes.c_int64),
+        ("scored", ctypes.c_void_p),
+        ("skip", ctypes.c_int64),
+    )
+
+
+class VariablesStruct(ctypes.Structure):
+    """The parameters of an optimiser: raw and physical values, bounds, learning rates, moments.
+
+    `struct variables` of templates/native/variables.c.
+    """
+
+    _fields_ = tuple(
+        (name, ctypes.c_void_p)
+        for name in ("kind", "low", "high", "scale", "rate", "raw", "physical", "first", "second")
+    )
+
+
+class KnownStruct(ctypes.Structure):
+    """The priors of parameters, and the penalties on their magnitudes and norms.
+
+    `struct known` of templates/native/known.c.
+    """
+
+    _fields_ = (
+        ("mean", ctypes.c_void_p),
+        ("std", ctypes.c_void_p),
+        ("magnitude", ctypes.c_void_p),
+        ("numbers", ctypes.c_void_p),
+        ("bounds", ctypes.c_void_p),
+        ("norms", ctypes.c_void_p),
+        ("slices", ctypes.c_int64),
+        ("spread", ctypes.c_double),
+    )
+
+
+class CurvatureStruct(ctypes.Structure):
+    """The memory of L-BFGS: the latest pairs of a step and its change of the gradient.
+
+    `struct curvature` of templates/native/lbfgs.c.
+    """
+
+    _fields_ = (
+        ("history", ctypes.c_int32),
+        ("iterations", ctypes.c_int32),
+        ("looks", ctypes.c_int32),
+        ("pairs", ctypes.c_int32),
+        ("newest", ctypes.c_int32),
+        ("steps", ctypes.c_void_p),
+        ("changes", ctypes.c_void_p),
+        ("shares", ctypes.c_void_p),
+        ("along", ctypes.c_void_p),
+        ("work", ctypes.c_void_p),
+    )
+
+
+class OptimizerStruct(ctypes.Structure):
+    """The method, settings and step counts of an optimiser.
+
+    `struct optimizer` of templates/native/optimizers.c.
+    """
+
+    _fields_ = (
+        ("method", ctypes.c_int32),
+        ("missing", ctypes.c_int32),
+        ("beta1", ctypes.c_double),
+        ("beta2", ctypes.c_double),
+        ("epsilon", ctypes.c_double),
+        ("decay", ctypes.c_double),
+        ("clip", ctypes.c_double),
+        ("steps", ctypes.c_int64),
+        ("first_decay", ctypes.c_double),
+        ("second_decay", ctypes.c_double),
+        ("left_out", ctypes.c_int64),
+        ("known", ctypes.POINTER(KnownStruct)),
+        ("curvature", ctypes.POINTER(CurvatureStruct)),
+    )
+
+
+class WorkStruct(ctypes.Structure):
+    """The working memory of a call, its threads, and its rank among processes.
+
+    `struct work` of templates/native/batches.c.
+    """
+
+    _fields_ = (
+        ("memory", ctypes.c_void_p),
+        ("steps", ctypes.c_int64),
+        ("groups", ctypes.c_int64),
+        ("kept", ctypes.c_int32),
+        ("threads", ctypes.c_int32),
+        ("rank", ctypes.c_int32),
+        ("ranks", ctypes.c_int32),
+        ("hand_on", ctypes.c_void_p),
+    )
+
+
+def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
+    """The address of the first element; the array must outlive its use."""
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def pointers(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
+    """The addresses of several arrays, as a C array."""
+    # at least one: C has no empty arrays
+    return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
+
+
+def aligned(size: int) -> NDArray[np.uint8]:
+    """`size` bytes, aligned for vectors."""
+    raw = np.zeros(size + _ALIGNMENT, np.uint8)
+    # numpy aligns to 16 bytes only: vector loads would fault or be slow
+    offset = -raw.ctypes.data % _ALIGNMENT
+    # the view keeps the whole array alive
+    return raw[offset : offset + size]
+
+
+Rows = NDArray[np.int64]
+Groups = NDArray[Any]
+"""An array of `struct group`."""
+
+LANES = {"float32": 16, "float64": 8}
+"""Rollouts per group: GROUP in the prelude of the kernels."""
+
+
+def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """`struct group` of the kernels: steps, start rows, and a mask of used lanes."""
+    # mask elements have the size of the reals
+    truth = np.int32 if dtype.itemsize == 4 else np.int64
+    fields = [("steps", np.int64), ("start", np.int64, (lanes,)), ("used", truth, (lanes,))]
+    return np.dtype(fields, align=True)
+
+
+def lane_groups(
+    type: np.dtype[Any], starts: Rows, steps: Rows, sizes: Sequence[int]
+) -> tuple[Groups, Rows]:
+    """Groups of batches of `sizes` rollouts, and the bounds of each batch among the groups.
+
+    Rollout i starts at row `starts[i]` and has `steps[i]` steps; within a batch the longest come
+    first. Unused lanes repeat the last rollout of their group and are marked as unused.
+    """
+    lanes = type["start"].shape[0]
+    batch = np.repeat(np.arange(len(sizes)), sizes)
+    # the last key is the primary one: by batch, then by descending length
+    order = np.lexsort((-steps, batch))
+    batch, sorted_steps = batch[order], steps[order]
+    new = (np.diff(batch) != 0) | (np.diff(sorted_steps) != 0)
+    begins = np.concatenate([[0], np.flatnonzero(new) + 1])
+    members = np.diff([*begins, len(order)])
+    count = -(-members // lanes)
+    # for each lane: its index among the lanes of its length and batch
+    within = np.arange(count.sum() * lanes) - np.repeat(
+        np.cumsum(count * lanes) - count * lanes, count * lanes
+    )
+    members_there, begins_there = (np.repeat(x, count * lanes) for x in (members, begins))
+    chosen = order[begins_there + np.minimum(within, members_there - 1)].reshape(-1, lanes)
+    groups = np.zeros(len(chosen), type)
+    groups["steps"] = steps[chosen[:, 0]]
+    groups["start"] = starts[chosen]
+    # −1 has all bits set, like the result of a vector comparison
+    groups["used"] = -(within < members_there).reshape(-1, lanes).astype(int)
+    ends = np.cumsum(np.bincount(np.repeat(batch[begins], count), minlength=len(sizes)))
+    return groups, np.concatenate([[0], ends])

@@ -9,15 +9,15 @@ from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import BlockScope
 from backends.c_language.tree import Argument, Binary, Expression, Function, Real
-from backends.native.arrangement.loop_splitting import (
+from backends.native.lane_functions import GRADIENT, PARAMETERS, LaneWriter, array
+from backends.native.lane_memory import LaneMemory, size_of
+from backends.native.loop_splitting import (
     Addends,
     LateGradient,
     is_zero,
     read_from_rows,
 )
-from backends.native.arrangement.tiled_sums import HORIZON, MOMENT, TIME, TiledSum
-from backends.native.lanes.lane_functions import GRADIENT, PARAMETERS, LaneWriter, array
-from backends.native.lanes.lane_memory import LaneMemory, size_of
+from backends.native.tiled_sums import HORIZON, MOMENT, TIME, TiledSum
 from compiler.ir.ops import Concat, Contract
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Axis
@@ -48,7 +48,7 @@ class Stored:
 
 
 class ModelFunctions:
-    """Writes the functions of one program."""
+    """Writes the C functions of a program's kernel: its start and step, and their adjoints."""
 
     def __init__(
         self, memory: LaneMemory, functions: FunctionTable, stored: Stored | None = None

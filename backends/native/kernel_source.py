@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 from backends.c_kernels.sources import c_definitions
 from backends.c_language.functions import FunctionNames, FunctionTable
@@ -12,14 +16,14 @@ from backends.c_language.literals import Dtype
 from backends.c_language.tree import Call, Expression
 from backends.files.text_templates import text_templates
 from backends.native.kernel_functions import ModelFunction, ModelFunctions
-from backends.native.lanes.fused_products import with_fused_products
-from backends.native.lanes.lane_kernels import lane_kernels
-from backends.native.lanes.lane_memory import LaneMemory, size_of
-from backends.native.lanes.lane_printer import LanePrinter
+from backends.native.lane_kernels import LanePrinter, lane_kernels, with_fused_products
+from backends.native.lane_memory import LaneMemory, size_of
+from compiler.differentiation.sensitivities import Sensitivities
 from compiler.differentiation.training_step import TrainingStep
-from compiler.ir.program import Program
-from compiler.ir.scalars.slope_products import LARGEST_SLOPE
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.kept_results import kept_for_same
+from compiler.ir.program import Parameter, Program
+from compiler.ir.scalars import SCALAR_FUNCTIONS
+from compiler.ir.slopes import LARGEST_SLOPE
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
 
 _TEMPLATES = Path(__file__).resolve().parents[2] / "templates" / "native"
@@ -201,3 +205,57 @@ def rendered(template: str, made: Mapping[str, ModelFunction], **values: object)
     loops = text_templates("native", strips=True).get_template(template)
     # the parts of a kernel are joined by line ends
     return loops.render(**values, **arguments).removesuffix("\n")
+
+
+P = ParamSpec("P")
+Source = TypeVar("Source")
+
+_KEPT = 16
+"""Number of sources, some hundred kB each: training, standard errors and metrics need six."""
+
+
+def kept_source(write: Callable[P, Source]) -> Callable[P, Source]:
+    """Caches the latest results of a function, keyed by the text of its arguments.
+
+    Equality would confuse 0.0 with -0.0; the `repr` of a dataclass does not. The key omits facts
+    that do not affect the source, so programs that differ only in initial parameters share a
+    source.
+    """
+    found: OrderedDict[bytes, Source] = OrderedDict()
+
+    @wraps(write)
+    def written(*args: P.args, **kwargs: P.kwargs) -> Source:
+        said = repr((*map(_argument_text, args), sorted(kwargs.items())))
+        key = hashlib.sha256(said.encode()).digest()
+        source = found.pop(key, None)
+        if source is None:
+            source = write(*args, **kwargs)
+        # moved to the end: the oldest use is evicted first
+        found[key] = source
+        if len(found) > _KEPT:
+            found.popitem(last=False)
+        return source
+
+    return written
+
+
+@kept_for_same(_KEPT)
+def _argument_text(value: object) -> str:
+    return repr(_said(value))
+
+
+def _said(value: object) -> object:
+    """An argument without the parts that do not affect the source."""
+    if isinstance(value, Program):
+        return replace(value, parameters=tuple(map(_any_value, value.parameters)), spec_hash="")
+    if isinstance(value, Sensitivities):
+        return replace(value, program=_said(value.program))
+    return value
+
+
+def _any_value(parameter: Parameter) -> Parameter:
+    """Removes the initial value of a learned bounded parameter; others affect the analysis of
+    derivatives.
+    """
+    bounded = parameter.minimum is not None or parameter.maximum is not None
+    return replace(parameter, initial=()) if parameter.learn and bounded else parameter

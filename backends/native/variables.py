@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from backends.known_terms import KnownTerms
-from backends.native.kernel_structs import (
+from backends.native.kernel_data import (
     CurvatureStruct,
     KnownStruct,
     OptimizerStruct,

@@ -11,13 +11,12 @@ import onnx
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from onnx import TensorProto, helper
 
-from backends.onnx_model.lowering import LeafNodes, lower_nodes
-from backends.onnx_model.nodes import OnnxNodes
+from backends.onnx_model.lowering import LeafNodes, OnnxNodes, lower_nodes
 from backends.ports.metadata import interface_metadata, metadata_text
 from backends.ports.step_interface import PortNames, StepInterface, port_names, step_interface
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Parameter, Program
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis
 from compiler.passes.expand_functions import expand_functions
 from spec_schema.units.unit import Unit

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import assert_never
+from typing import Any, assert_never
 
 import numpy as np
+import onnx
 from numpy.typing import NDArray
+from onnx import helper, numpy_helper
 
-from backends.onnx_model.near_neutral import near_neutral
-from backends.onnx_model.nodes import OnnxNodes
+from backends.ports.identifiers import c_identifier
 from backends.ports.step_interface import Port
+from compiler.interpreter.operations import NOWHERE, evaluator
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis, Type
 
 _RELATIONS = {
@@ -185,3 +187,124 @@ def _stacked(shared: list[Axis], rows: list[Axis], columns: list[Axis]) -> tuple
 
 def _has(type: Type, axis: Axis) -> bool:
     return axis.name in type.axis_names
+
+
+class OnnxNodes:
+    """Lists of nodes and initialisers under construction. Methods take and return value names."""
+
+    def __init__(self, dtype: np.dtype[Any], taken: set[str]) -> None:
+        self.dtype = dtype
+        self.taken = taken
+        """Used names, including those of ports."""
+        self.nodes: list[onnx.NodeProto] = []
+        self.initializers: list[onnx.TensorProto] = []
+        self._shapes: dict[tuple[int, ...], str] = {}
+        self._label = "value"
+        self._doc = ""
+
+    def describe(self, label: str, doc: str) -> None:
+        """Sets the name prefix and the doc of the following nodes."""
+        self._label = label
+        self._doc = doc
+
+    def add(self, operator: str, inputs: Sequence[str], **attributes: Any) -> str:
+        """Adds a node with one result; returns its name."""
+        result = c_identifier(self._label, self.taken)
+        self.add_as(result, operator, inputs, **attributes)
+        return result
+
+    def add_as(self, result: str, operator: str, inputs: Sequence[str], **attributes: Any) -> None:
+        """Adds a node whose result has a name that is already reserved."""
+        node = helper.make_node(operator, inputs, [result], name=result, **attributes)
+        node.doc_string = self._doc
+        self.nodes.append(node)
+
+    def numbers(self, name: str, values: NDArray[np.float64], doc: str = "") -> str:
+        """Adds an initialiser in the model's precision, under a reserved name."""
+        with np.errstate(over="ignore"):  # a bound beyond float32 becomes infinite
+            array = np.asarray(values, dtype=self.dtype)
+        tensor = numpy_helper.from_array(array, name)
+        tensor.doc_string = doc
+        self.initializers.append(tensor)
+        return name
+
+    def constant(self, values: NDArray[np.float64]) -> str:
+        return self.numbers(c_identifier(self._label, self.taken), values)
+
+    def integers(self, values: Iterable[int]) -> str:
+        """A vector of 64-bit integers, for shapes and indices; equal ones are shared."""
+        key = tuple(values)
+        # shapes are operands in ONNX: equal ones share an initialiser
+        if key not in self._shapes:
+            name = c_identifier("shape_" + "_".join(map(str, key)), self.taken)
+            self.initializers.append(numpy_helper.from_array(np.array(key, np.int64), name))
+            self._shapes[key] = name
+        return self._shapes[key]
+
+    # ---- changes of axes that are left out where they change nothing
+
+    def transposed(self, value: str, order: Sequence[int]) -> str:
+        if list(order) == sorted(order):
+            return value
+        return self.add("Transpose", [value], perm=list(order))
+
+    def reshaped(self, value: str, before: tuple[int, ...], after: tuple[int, ...]) -> str:
+        if before == after:
+            return value
+        return self.add("Reshape", [value, self.integers(after)])
+
+    def sliced(self, value: str, axis: int, start: int, stop: int) -> str:
+        bounds = [self.integers([number]) for number in (start, stop, axis)]
+        return self.add("Slice", [value, *bounds])
+
+    def broadcast(self, value: str, operand: Type, result: Type) -> str:
+        """The operand repeated along missing axes, with axes in the order of the result."""
+        names = [axis.name for axis in result.axes if axis.name in operand.axis_names]
+        value = self.transposed(value, [operand.position(name) for name in names])
+        missing = [i for i, axis in enumerate(result.axes) if axis.name not in names]
+        if not missing:
+            return value
+        # a scalar expands to any shape; other values first need their missing axes
+        if names:
+            value = self.add("Unsqueeze", [value, self.integers(missing)])
+        return self.add("Expand", [value, self.integers(result.shape)])
+
+
+_NEUTRAL: Mapping[type, float] = {
+    ops.Add: 0.0,
+    ops.Subtract: 0.0,
+    ops.Multiply: 1.0,
+    ops.Divide: 1.0,
+}
+_NEAR = {0.0: 1e-44, 1.0: 1e-7}
+"""Slightly larger than the values that round to the neutral element, as runtimes may round
+differently."""
+
+
+def near_neutral(
+    graph: Graph, nodes: Sequence[NodeId], weights: Mapping[str, NDArray[np.float64]]
+) -> dict[NodeId, int]:
+    """The nodes with an operand that would be dropped but is not 0 or 1, with its index."""
+    known: list[Any] = [None] * len(graph)
+    found: dict[NodeId, int] = {}
+    with np.errstate(all="ignore"):
+        for index in nodes:
+            node = graph[index]
+            if _is_known(node, known):
+                types = tuple(graph[arg].type for arg in node.args)
+                known[index] = evaluator(node, types, weights, np.dtype(np.float64))(known, NOWHERE)
+            neutral = _NEUTRAL.get(type(node.op))
+            if neutral is None or math.prod(node.type.shape) != 1:
+                continue
+            for place, arg in enumerate(node.args):
+                value = known[arg]
+                if value is not None and 0.0 < abs(value.item() - neutral) < _NEAR[neutral]:
+                    found[index] = place
+    return found
+
+
+def _is_known(node: Node, known: Sequence[Any]) -> bool:
+    if isinstance(node.op, ops.Constant | ops.ReadParameter):
+        return True
+    reads = isinstance(node.op, ops.Leaf | ops.Window)
+    return not reads and all(known[arg] is not None for arg in node.args)

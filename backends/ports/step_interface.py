@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from backends.ports.identifiers import c_identifier
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal
 from compiler.ir.program import Graph, NodeId, Output, Parameter, Program, Signal, State
 from compiler.ir.types import WINDOW, Axis, Type

@@ -23,8 +23,6 @@ from backends.torch_module.lowering import (
     prepared,
     static_nodes,
 )
-from backends.torch_module.parameters import physical_value
-from backends.torch_module.zero_tangents import stays_finite
 from compiler.ir import ops
 from compiler.ir.program import Graph, NodeId, Parameter, Program
 
@@ -352,3 +350,47 @@ def _argument(
             assert windows is not None, "parameters alone decide the shared part"
             window = windows(signal, first, last)
             return window if leaf.windowed else window[..., 0]
+
+
+def physical_value(parameter: Parameter, raw: Tensor) -> Tensor:
+    """The physical value of a raw variable; differentiable, same shape."""
+    match parameter.minimum, parameter.maximum:
+        case None, None:
+            return raw * parameter.scale
+        case float(low), None:
+            return low + parameter.scale * _softplus(raw)
+        case None, float(high):
+            return high - parameter.scale * _softplus(-raw)
+        case float(low), float(high):
+            # one sigmoid per side: |raw| would have the wrong derivative at 0
+            span = high - low
+            above, below = high - span * torch.sigmoid(-raw), low + span * torch.sigmoid(raw)
+            return torch.where(raw > 0, above, below)
+        case _:
+            raise AssertionError("bounds are floats or None")
+
+
+def _softplus(raw: Tensor) -> Tensor:
+    # torch's softplus is x above 20, with another derivative than the kernels
+    return torch.logaddexp(raw, torch.zeros_like(raw))
+
+
+_FINITE = frozenset({"sin", "cos", "atan", "tanh", "sigmoid", "softplus", "abs", "sign"})
+"""Functions that are finite, with finite derivatives, everywhere."""
+
+
+def stays_finite(graph: Graph) -> bool:
+    """True if finite inputs give finite values and derivatives, except for overflow.
+
+    A divisor that depends on parameters only does not count: at 0 the model itself is infinite.
+    """
+    static = static_nodes(graph)
+    for _, node in graph:
+        match node.op:
+            case ops.Divide() if not static[node.args[1]]:
+                return False
+            case ops.Apply(function) if function not in _FINITE:
+                return False
+            case _:
+                pass
+    return True

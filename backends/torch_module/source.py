@@ -1,15 +1,20 @@
-"""Writes a program as the source of a torch module that does not depend on msnn."""
+"""Writes a program as a torch module that does not depend on msnn, with its weights."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import torch
+from numpy.typing import ArrayLike
 
-from backends.files.text_templates import text_templates
+from backends.files.atomic_write import write_bytes, write_text
+from backends.files.safetensors_bytes import safetensors_bytes
+from backends.files.text_templates import one_line, readme_text, text_templates
 from backends.ports.identifiers import c_identifier
 from backends.ports.step_interface import Port, StepInterface, step_interface
 from backends.torch_module.lowering import (
@@ -19,6 +24,7 @@ from backends.torch_module.lowering import (
     prepared,
     static_nodes,
 )
+from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState
 from compiler.ir.program import Graph, NodeId, Parameter, Program
 from compiler.ir.types import Axis
@@ -33,8 +39,9 @@ _RELEASES = re.compile(r";  (?:\w+ = )+None$")
 
 
 def torch_source(program: Program, prefix: str, dtype: str) -> str:
-    """The text of `<prefix>.py` for a program in step form; deterministic for the same program.
+    """The text of `<prefix>.py` for a program; deterministic for the same program.
 
+    `program` is in step form: a step reads each input once, and states store its past samples.
     Names and descriptions of the spec appear as text only, never as code.
     """
     program = prepared(program)
@@ -253,3 +260,43 @@ def _quoted(text: str) -> str:
 def _comment(text: str) -> str:
     # a line break in a name would end the comment and start code
     return "".join(c if c.isprintable() else "_" for c in text)[:60]
+
+
+def write_torch(
+    program: Program,
+    weights: Mapping[str, ArrayLike] | None,
+    folder: Path,
+    prefix: str,
+    dtype: Literal["float32", "float64"] = "float64",
+) -> tuple[Path, ...]:
+    """Writes `<prefix>.py`, `<prefix>.safetensors` and a README, `<prefix>_torch.md`.
+
+    The program is in step form. `dtype` is the default precision of the module's `load`. Weights
+    are physical float64 arrays; the default is the initial values. Returns the paths. Raises
+    OSError if the folder is not writable, ValueError for a weight of a wrong shape.
+    """
+    # checked first, so that a wrong weight leaves no files
+    arrays = physical_weights(program, weights or {})
+    metadata = {"program": program.name, "spec_sha256": program.spec_hash}
+    interface = step_interface(program)
+    readme = readme_text(
+        "torch",
+        model=one_line(program.name),
+        prefix=prefix,
+        windows=_zeros(interface.start_windows, dtype),
+        inputs=_zeros(interface.inputs, dtype),
+    )
+    return (
+        write_text(folder / f"{prefix}.py", torch_source(program, prefix, dtype)),
+        write_bytes(folder / f"{prefix}.safetensors", safetensors_bytes(arrays, metadata)),
+        write_text(folder / f"{prefix}_torch.md", readme),
+    )
+
+
+def _zeros(ports: Iterable[Port], dtype: str) -> str:
+    """Python source of a dictionary of zeros for the ports, with a batch of one."""
+    entries = [
+        f"{port.signal.name!r}: torch.zeros({(1, *port.type.shape)}, dtype=torch.{dtype})"
+        for port in ports
+    ]
+    return f"{{{', '.join(entries)}}}"

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from backends.gauss_newton_products import Products
 from benchmarks.bounded_fits.problems import Array, Problem
 from compiler.elaboration.compile import compile_spec
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.engines.second_order.levenberg_marquardt import LevenbergMarquardtEngine

@@ -11,8 +11,8 @@ import numpy as np
 from contenders import Contender
 from numpy.typing import NDArray
 
-from msnn.verification.builds.boards import BOARDS
-from msnn.verification.builds.harness import TEMPLATES, write_linker_script
+from msnn.verification.boards import BOARDS
+from msnn.verification.harness import TEMPLATES, write_linker_script
 
 HARNESS = Path(__file__).parent / "harness"
 LEVELS = ("-Os", "-O2", "-O3")

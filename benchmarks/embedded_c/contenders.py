@@ -12,11 +12,11 @@ from by_hand import casadi_step, write_onnx_step
 import msnn
 from backends.c import COptions, write_c
 from backends.casadi_function.function import build_function
-from backends.onnx_model.files import write_onnx
+from backends.onnx_model.model import write_onnx
 from compiler.ir.program import Program
-from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 
 SPEC = Path(__file__).parents[2] / "examples" / "gallery" / "reference.msnn.yaml"

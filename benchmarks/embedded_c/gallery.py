@@ -12,8 +12,7 @@ from pathlib import Path
 
 from msnn.cli.application import run
 from msnn.verification.proof_step import Figures, Result
-from msnn.verification.verified_export import WantedSteps
-from msnn.verification.verify import TARGETS, Verification, verify
+from msnn.verification.verify import TARGETS, Verification, WantedSteps, verify
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 _BOARDS = ("Cortex-M4F", "Cortex-M0", "RV32IMAFC")

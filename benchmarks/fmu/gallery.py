@@ -25,11 +25,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from msnn.agreement.judging.judgement import FloatType
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judgement import FloatType, drawn_record
 from msnn.exports.check import check_export
 from msnn.exports.export import load_export, plan_exports, write_export
-from msnn.exports.running.fmu_instance import FmuInstance, fmu_instance
+from msnn.exports.running.loaded_fmu import FmuInstance, fmu_instance
 from msnn.exports.target import Written
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights

@@ -24,7 +24,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.judgement import FloatType
 from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights

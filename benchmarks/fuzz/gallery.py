@@ -14,7 +14,7 @@ from pathlib import Path
 
 from msnn.cli.application import run
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.host.fuzz import fuzz
+from msnn.verification.fuzz import fuzz
 from msnn.verification.proof_step import ToolFailedError, UnansweredError
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"

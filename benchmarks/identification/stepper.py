@@ -19,7 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import msnn
-from msnn.stepping.stepper import Stepper
+from msnn.stepping import Stepper
 
 SPECS = {
     "three states, one input": """

@@ -21,11 +21,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.c.selftest.kernel_cases import plain_points
+from backends.c.selftest.selftest_text import plain_points
 from benchmarks.kernel_accuracy.changed_constants import Site, changed_constants
 from benchmarks.mutation.digit_outcomes import shown_arguments
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
-from compiler.kernels.evaluate import routine
+from compiler.ir.scalars import SCALAR_FUNCTIONS
+from compiler.kernels.table import routine
 from compiler.kernels.tables.formats import FORMATS, RealName
 from compiler.kernels.tables.telling_arguments import HEXADECIMAL
 from compiler.kernels.trace.run_routine import run_routine

@@ -16,8 +16,7 @@ from mpmath import mp, mpf
 from numpy.typing import NDArray
 
 from benchmarks.kernel_accuracy.report import PROMISED_DOUBLE, Measurement, keep, write_report
-from compiler.kernels.evaluate import evaluate
-from compiler.kernels.table import KERNELS
+from compiler.kernels.table import KERNELS, evaluate
 from tests.kernels.references import EXACT, double_error
 
 Array = NDArray[Any]

@@ -22,8 +22,7 @@ from msnn.model.model_data import read_data
 from msnn.tables import table_text
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.records.progress import Silent
-from msnn.training.records.resumable_run import NotedProgress
-from msnn.training.records.safekeeping import Safekeeping
+from msnn.training.records.resumable_run import NotedProgress, Safekeeping
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train
 from tests.examples.gallery import NAMES, gallery_copy, spec_of

@@ -27,8 +27,8 @@ from backends.casadi_function.options import Form
 from benchmarks.mpc.derivatives_in_c import derivatives_source
 from compiler.hessian.step_derivatives import step_derivatives
 from compiler.ir.program import Program
-from compiler.passes.pruning.prune_outputs import prune_outputs
-from compiler.passes.simplify.inline_parameters import inline_parameters
+from compiler.passes.inline_parameters import inline_parameters
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights

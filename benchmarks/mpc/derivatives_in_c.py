@@ -16,8 +16,8 @@ from backends.c_language.printer import Printer
 from backends.c_language.scope import BlockScope, LocalNames, SpecName
 from backends.c_language.tree import Argument, Function, Name, Real
 from backends.c_lowering.graph import GraphLowering
-from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
+from backends.c_lowering.values import LocalValues
 from compiler.hessian.step_derivatives import StepDerivatives, multiplier
 from compiler.ir.ops import AnyRead, ReadParameter, ReadSignal, ReadState, Window
 from compiler.ir.types import Type

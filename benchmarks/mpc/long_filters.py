@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 import msnn
 from backends.c_language.literals import Dtype
 from msnn.features.control.backend.write_estimator import write_estimator
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.problem.state_estimation import EstimationProblem
 
 HERE = Path(__file__).parent
 Array = NDArray[np.float64]

@@ -43,7 +43,7 @@ from other_tools_problems import (
 from other_tools_qp import Osqp, Piqp, Sequence
 
 from msnn.features.control.backend.write_controller import write_controller
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.optimal_control import ControlProblem
 from msnn.model.load import load_model
 from msnn.tables import table_text
 

@@ -38,15 +38,14 @@ from benchmarks.mpc.random_plants import WEIGHTS, Plant, drawn_plant
 from msnn.features.control.backend.inputs import input_fields
 from msnn.features.control.backend.library import ControllerLibrary
 from msnn.features.control.backend.write_controller import controller_texts
-from msnn.features.control.problem.optimal_control.horizon import Given
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.structure import Chosen
-from msnn.features.control.problem.optimal_control.trained import trained
-from msnn.features.control.problem.optimal_control.window_form import signals_held
+from msnn.features.control.problem.horizon import Given
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.structure import Chosen, signals_held
+from msnn.features.control.problem.trained import trained
 from msnn.features.control.run.control_range import ControlRange
 from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
+from msnn.features.control.run.method import Status
 from msnn.features.control.run.reference_method import ReferenceMethod
-from msnn.features.control.run.solution import Status
 from msnn.model.weights.weights_file import initial_weights
 
 Array = NDArray[np.float64]

@@ -35,15 +35,14 @@ from numpy.typing import NDArray
 import msnn
 from backends.c.host.build import build_library
 from msnn.features.control.backend.inputs import input_fields
-from msnn.features.control.backend.library import ControllerLibrary
-from msnn.features.control.backend.solution import multipliers_of, plan_of
+from msnn.features.control.backend.library import ControllerLibrary, multipliers_of, plan_of
 from msnn.features.control.backend.structure.rows import Rows, rows_of
 from msnn.features.control.backend.write_controller import controller_texts
-from msnn.features.control.problem.optimal_control.horizon import Given
-from msnn.features.control.problem.optimal_control.kkt import Judge
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.structure import Chosen
-from msnn.features.control.problem.optimal_control.trained import trained
+from msnn.features.control.problem.horizon import Given
+from msnn.features.control.problem.kkt import Judge
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.structure import Chosen
+from msnn.features.control.problem.trained import trained
 
 sys.path.insert(0, str(Path(__file__).parent))
 from random_plants import WEIGHTS, Plant, computed_limits, drawn_plant

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.features.control.backend.write_controller import write_controller
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.optimal_control import ControlProblem
 from msnn.model.load import load_model
 from msnn.tables import table_text
 

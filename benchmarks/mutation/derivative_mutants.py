@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from compiler.differentiation import forward_mode, reverse_mode, sensitivities, training_step
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 
 _CALLS = {
     "add": "subtract",

@@ -23,7 +23,7 @@ from benchmarks.mutation.digit_equivalents import DIGITS
 from benchmarks.mutation.every_argument import first_shown
 from benchmarks.mutation.math_functions import PREFIX, Function, functions_of, needed, text_hash
 from benchmarks.mutation.mutants import last_digit_mutants
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.kernels.tables.formats import RealName
 
 OUTCOMES = Path(__file__).with_suffix(".json")

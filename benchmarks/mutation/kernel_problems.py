@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.passes.close_loop import close_loop
 from tests.language.compiled import compiled
 from tests.native.graph_slopes import Problem, problem

@@ -37,12 +37,11 @@ from benchmarks.mutation.right_kernels import alarms, gallery
 from benchmarks.mutation.schemata import CHOICE, with_all
 from compiler.differentiation.interpreted_training import InterpretedLosses
 from compiler.differentiation.training_step import TrainingStep, training_step
-from compiler.interpreter.bounded_rollouts import Rollouts
+from compiler.interpreter.rounding import Rollouts
 from compiler.passes.close_loop import close_loop
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.engines import kernel_check
-from msnn.simulation.engines.kernel_check import check_kernel
-from msnn.simulation.engines.kernel_trials import WrongKernelError
+from msnn.simulation.engines.kernel_check import WrongKernelError, check_kernel
 from tests.language.compiled import compiled
 from tests.native.graph_slopes import Problem, assert_slopes_agree
 from tests.native.test_kernel import MODELS, initial, log_of

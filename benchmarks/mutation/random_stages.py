@@ -12,7 +12,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from tests.language.compiled import compiled
 
 _ROWS = 120

@@ -7,14 +7,13 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from backends.native.kernel import Kernel
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+from backends.native.sensitivity_kernel import SensitivityKernel
 from benchmarks.mutation.random_stages import RandomStage, random_stage
 from compiler.differentiation.sensitivities import sensitivities
 from msnn.model.load import load_model
 from msnn.model.model_data import read_data
 from msnn.model.weights.weights_file import initial_weights
-from msnn.simulation.engines.kernel_check import check_kernel, check_sensitivities
-from msnn.simulation.engines.kernel_trials import WrongKernelError
+from msnn.simulation.engines.kernel_check import WrongKernelError, check_kernel, check_sensitivities
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages

@@ -31,7 +31,7 @@ from compiler.interpreter.interpreter import physical_weights
 from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.host.host_checks import writable_objects
+from msnn.verification.host_checks import writable_objects
 from msnn.verification.proof_step import ToolFailedError, ToolTimedOutError
 from spec_schema.diagnostics.diagnostic import Findings
 

@@ -15,13 +15,13 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.program import Program
 from compiler.ir.types import Type
 from msnn.cli.application import run
-from msnn.features.robots.dynamics.learned_masses import with_masses
 from msnn.features.robots.dynamics.members import forward_dynamics
 from msnn.features.robots.dynamics.numbers import SignedNode
+from msnn.features.robots.dynamics.rigid_bodies import with_masses
 from msnn.model.load import load_model
 from spec_schema.reading.reader import read_spec
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from compiler.lowering.context import Context
+from compiler.lowering.context import Context, LoweringFailed
 from compiler.lowering.environment import Environment
-from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import calculus
-from spec_schema.expressions.text import expression_text
-from spec_schema.expressions.tree import Call, Expression, Name
+from spec_schema.expressions.tree import Call, Expression, Name, expression_text
 
 
 def option(call: Call, name: str) -> Expression | None:

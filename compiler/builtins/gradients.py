@@ -6,17 +6,23 @@ from compiler.builtins.call_options import resolved
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadLog, ReadSamples, ReadSignal
 from compiler.ir.program import NodeId
-from compiler.ir.rules.unit_rules import quotient_unit
+from compiler.ir.rules import quotient_unit
 from compiler.ir.types import WINDOW, Axis
-from compiler.lowering.context import Context
+from compiler.lowering.context import Context, LoweringFailed
 from compiler.lowering.environment import Environment, EnvironmentPart
-from compiler.lowering.expressions import lower
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.moving_input import moving_input
+from compiler.lowering.expressions import lower, moving_input
 from spec_schema.errors import calculus, names
 from spec_schema.expressions.language import NUMBERS
-from spec_schema.expressions.text import expression_text
-from spec_schema.expressions.tree import Call, Expression, Future, Member, Name, Past, Window
+from spec_schema.expressions.tree import (
+    Call,
+    Expression,
+    Future,
+    Member,
+    Name,
+    Past,
+    Window,
+    expression_text,
+)
 from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.signals import Equation, Input, Output, Signal, State
 from spec_schema.sections.values import Parameter
@@ -57,7 +63,7 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
             calculus.gradient_of_unrelated(text, x_argument.span, y_argument.span)
         )
         raise LoweringFailed
-    from compiler.differentiation.gradient_nodes import gradient_nodes  # few specs use gradients
+    from compiler.differentiation.reverse_mode import gradient_nodes  # few specs use gradients
 
     parts: list[NodeId] = []
     slopes = gradient_nodes(builder, y, [read.node for read in overlapping])

@@ -3,32 +3,84 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
+import numpy as np
+
+from compiler.builtins.axes import (
+    lower_eye,
+    lower_mean,
+    lower_outer,
+    lower_smooth_sign,
+    lower_softmax,
+    lower_sum,
+)
 from compiler.builtins.call_options import option
-from compiler.builtins.derivatives import lower_derivative
 from compiler.builtins.gradients import lower_gradient
-from compiler.builtins.integrals import lower_integral
-from compiler.builtins.matrices import lower_eye, lower_outer, lower_smooth_sign, lower_softmax
-from compiler.builtins.number_lists import number_list
-from compiler.builtins.reductions import lower_mean, lower_sum
+from compiler.builtins.time import lower_derivative, lower_integral
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Apply, Relation
 from compiler.ir.program import NodeId
-from compiler.ir.rules.unit_rules import distance_unit
-from compiler.ir.scalars.signatures import SIGNATURES
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.rules import AxisConflict, distance_unit
+from compiler.ir.scalars import SCALAR_FUNCTIONS, SIGNATURES
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
-from compiler.lowering.aligning import aligning, warn_of_twin_axes
-from compiler.lowering.constants import number, whole_number
-from compiler.lowering.context import Context
+from compiler.lowering.constants import number, refuse_infinite, whole_number
+from compiler.lowering.context import Context, LoweringFailed
 from compiler.lowering.environment import Environment
-from compiler.lowering.expressions import lower, lower_all, lower_operands
-from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.expressions import (
+    aligning,
+    lower,
+    lower_all,
+    lower_operands,
+    warn_of_twin_axes,
+)
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.language import Signature
-from spec_schema.expressions.text import expression_text
-from spec_schema.expressions.tree import Call, Name
+from spec_schema.expressions.tree import Call, Name, expression_text
+from spec_schema.plugins import PluginPart
 from spec_schema.registry import FunctionLine
+
+LONGEST_LIST = 100_000
+
+
+def number_list(name: str) -> Callable[[Context, Call, Environment], NodeId]:
+    """The lowering of the builtin of that name, to a constant along an unnamed axis."""
+
+    def lower_numbers(context: Context, call: Call, environment: Environment) -> NodeId:
+        given = [number(context, each, f"an argument of `{name}`") for each in call.arguments]
+        if name == "arange":
+            count = _arange_count(given)
+        else:
+            count = whole_number(context, call.arguments[-1], f"the length of `{name}`")
+        if not 1 <= count <= LONGEST_LIST:
+            context.findings.report(
+                names.unfit_constant(f"`{name}`", f"would have {count} elements", call.span)
+            )
+            raise LoweringFailed
+        # a range from -1e308 to 1e308 overflows
+        with np.errstate(all="ignore"):
+            match name:
+                case "linspace":
+                    values = np.linspace(given[0], given[1], count)
+                case "arange":
+                    step = given[2] if len(given) > 2 else 1.0
+                    start = given[0] if len(given) > 1 else 0.0
+                    values = start + step * np.arange(count)
+                case _:
+                    values = np.full(count, 1.0 if name == "ones" else 0.0)
+        refuse_infinite(context, f"`{name}`", values, call.span)
+        return context.builder(environment).constant(values, (Axis(UNNAMED, count),))
+
+    return lower_numbers
+
+
+def _arange_count(given: list[float]) -> int:
+    start, stop = (0.0, given[0]) if len(given) == 1 else (given[0], given[1])
+    step = given[2] if len(given) > 2 else 1.0
+    if step == 0 or not np.isfinite((stop - start) / step):
+        return 0
+    return max(0, int(np.ceil((stop - start) / step)))
+
 
 _LONGEST_SHOWN = 60
 """Maximum number of characters of a user's formula that a help line repeats."""
@@ -48,14 +100,19 @@ def lower_plugin_function(
     """The node of a call of a function that a plug-in makes of core operations."""
     _check_arguments(context, line.key, line.signature, call)
     context.plugin_functions.add(line.key)
+    builder = context.builder(environment)
+    # specs without plug-ins do not need it
+    from compiler.layers.rules.plugin_nodes import guarded_expansion
+
+    part = PluginPart("function", line.key, line.expand.module, (LoweringFailed, AxisConflict))
+
     if not call.arguments:
-        constant: NodeId = line.expand.value(context.builder(environment))
-        return constant
+        return guarded_expansion(part, partial(line.expand.value, builder), builder, call.span)
     nodes = lower_operands(context, call.arguments, environment)
     _warn_of_twin_axes(context, line.key, call, nodes, environment)
     with aligning(context, line.key, call, call.arguments[0], call.arguments[-1]):
-        node: NodeId = line.expand.value(context.builder(environment), *nodes)
-        return node
+        expand = partial(line.expand.value, builder, *nodes)
+        return guarded_expansion(part, expand, builder, call.span)
 
 
 def _check_arguments(context: Context, name: str, signature: Signature, call: Call) -> None:

@@ -1,4 +1,8 @@
-"""Builds two programs: one that estimates initial states, one that starts from the estimates."""
+"""Builds two programs for fitted initial states: one reads estimates, one also shifts them.
+
+`with_read_starts` reads the estimates from series in the data. `with_moved_starts` also adds a
+parameter to each; its derivatives are those that least squares need for an estimate.
+"""
 
 from __future__ import annotations
 

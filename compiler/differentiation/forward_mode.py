@@ -20,8 +20,8 @@ import numpy as np
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.scalars.slope_products import slope_product, slope_quotient
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
+from compiler.ir.slopes import slope_product, slope_quotient
 from compiler.ir.types import Axis, Type, in_order
 
 

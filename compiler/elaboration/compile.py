@@ -2,31 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+import sys
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping
+from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import partial
+from math import isclose
 from typing import TypeVar
 
-from compiler.elaboration.deep_recursion import room_for
-from compiler.elaboration.formulas import formulas_of
-from compiler.elaboration.losses.penalties import checked_penalties
+from compiler.elaboration.losses import checked_penalties
 from compiler.elaboration.lower_spec import exported_equations, lower_spec
 from compiler.elaboration.section import OtherProgram, SectionProblem, problem_of_class, section_of
-from compiler.elaboration.signals import logged_signals, measured_targets
-from compiler.elaboration.unchecked_scales import report_unchecked_scales
-from compiler.interpreter.never_finite import never_finite
-from compiler.ir.program import Dimension, Program, UsedPlugin
+from compiler.interpreter.operations import never_finite
+from compiler.ir import ops
+from compiler.ir.program import (
+    Dimension,
+    Formula,
+    Graph,
+    Node,
+    NodeId,
+    Program,
+    Role,
+    Signal,
+    State,
+    UsedPlugin,
+)
 from compiler.ir.types import Type
 from compiler.linking.link import Linked, WeightsByPart, link
+from compiler.lowering.constants import number
+from compiler.lowering.context import Context, owner_of
 from compiler.lowering.environment import START, STEP
 from compiler.passes import run_passes
 from compiler.passes.analyses.infinite_slopes import infinite_slopes
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.diagnostics.source import Span
 from spec_schema.errors import units
+from spec_schema.expressions.tree import Expression, Member, Name, Window, expression_text
+from spec_schema.fields.leaf import Located
 from spec_schema.late_dataclass import dataclass
 from spec_schema.plugins import known_plugins, plugins_with
-from spec_schema.reading.one_file import ReadResult, all_specs
+from spec_schema.reading.reader import ReadResult, all_specs
+from spec_schema.sections.signals import Signal as SignalEntry
 from spec_schema.sections.spec import Spec
+from spec_schema.sections.values import Constant
+from spec_schema.units.quantity import Quantity, report_unconverted
+from spec_schema.units.unit import ONE, Unit
 
 P = TypeVar("P", bound=SectionProblem)
 
@@ -204,3 +224,193 @@ def in_own_files(
     # diagnostics of a broken file are not repeated under full names
     others = (d for d in diagnostics if d.span is None or d.span.file not in files)
     return (*(d for found in broken.values() for d in found), *others)
+
+
+def logged_signals(
+    context: Context, ranges: Mapping[str, tuple[float, float]]
+) -> tuple[Signal, ...]:
+    """The inputs and targets of a lowered spec, and the states whose logs are read."""
+    declared = [
+        *((Role.INPUT, name, entry) for name, entry in context.spec.inputs.items()),
+        *((Role.TARGET, name, entry) for name, entry in _targets(context)),
+        *((Role.TARGET, name, entry) for name, entry in context.measured.items()),
+    ]
+    return tuple(
+        Signal(
+            name=name,
+            role=role,
+            axes=context.axes_of(entry),
+            unit=entry.unit.value if entry.unit else None,
+            range=ranges.get(name),
+            on_invalid=entry.on_invalid if isinstance(entry, SignalEntry) else "flag",
+            doc=entry.doc or "",
+            span=entry.place.key,
+        )
+        for role, name, entry in declared
+    )
+
+
+def measured_targets(spec: Spec) -> set[str]:
+    """The signals that `validate` entries name under `target:`: inputs, targets or logs of
+    states.
+    """
+    names: set[str] = set()
+    for check in spec.checks:
+        operand = check.target.operand if isinstance(check.target, Window) else check.target
+        match operand:
+            case Name(name=name):
+                names.add(name)
+            case Member(base=base, name=name):
+                # an entry of a sub-model, or `x.meas`, the log of a state
+                names |= {f"{base}.{name}", base}
+            case _:
+                pass
+    return names
+
+
+def _targets(context: Context) -> list[tuple[str, SignalEntry]]:
+    """The targets; those of sub-models only if something reads them (R11)."""
+    return [
+        (name, entry)
+        for name, entry in context.spec.targets.items()
+        if not owner_of(name) or name in context.used
+    ]
+
+
+def formulas_of(spec: Spec) -> tuple[Formula, ...]:
+    """The formulas of all equations, outputs and states of a linked spec, in its order."""
+    written: list[tuple[str, Expression]] = []
+    for name, state in spec.states.items():
+        if state.der is not None:
+            written.append((f"der({name})", state.der))
+        if state.next is not None:
+            written.append((f"next({name})", state.next))
+    for section in (spec.equations, spec.outputs):
+        written += [(name, entry.expr) for name, entry in section.items()]
+    return tuple(Formula(left, expression_text(right), right.span) for left, right in written)
+
+
+_FRAMES_PER_ENTRY = 400
+"""Maximum number of Python frames between an entry and an entry that its expression names."""
+
+_OTHER_FRAMES = 10_000
+"""Frames for the surrounding code."""
+
+
+@contextmanager
+def room_for(entries: int) -> Generator[None]:
+    """Raises the recursion limit for a chain of `entries` entries, each of which reads the next
+    one.
+
+    Python frames are on the heap, a few hundred bytes each, and the size of a spec is limited.
+    """
+    before = sys.getrecursionlimit()
+    sys.setrecursionlimit(max(before, _OTHER_FRAMES + _FRAMES_PER_ENTRY * entries))
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(before)
+
+
+_WHY_UNCHECKED = "it meets a value without unit, and formulas convert nothing"
+
+
+def report_unchecked_scales(context: Context, states: Iterable[State]) -> None:
+    """Reports scaled quantities (`300 uH`) that a formula combines with values of unknown unit.
+
+    There the unit check cannot find a wrong scale. `{init: 300, unit: uH}` states the 300
+    explicitly, so it is not reported. A state of unknown unit accepts any unit.
+    """
+    written = _scaled_quantities(context)
+    # most specs have none
+    if not written:
+        return
+    reported: set[str] = set()
+    unknown = [state for state in states if state.unit is None]
+    for environment, ends in (
+        (STEP, {state.next for state in unknown}),
+        (START, {state.start for state in unknown}),
+    ):
+        graph = context.builder(environment).graph()
+        carried = _unchecked_by_node(graph, written)
+        for index, node in graph:
+            names = carried[index] if index in ends else frozenset[str]()
+            if _meets_unknown(context, graph, node):
+                names |= {name for arg in node.args for name in carried[arg]}
+            for name in sorted(names - reported):
+                place = () if node.span is None else ((node.span, "here"),)
+                report_unconverted(written[name], _WHY_UNCHECKED, context.findings, place)
+            reported |= names
+
+
+def _scaled_quantities(context: Context) -> dict[str, Quantity]:
+    """Parameters and constants that are written as a number with a scaled unit, such as `300
+    uH`.
+    """
+    found: dict[str, Quantity] = {}
+    for name, entry in {**context.spec.parameters, **context.spec.constants}.items():
+        value = entry.value if isinstance(entry, Constant) else entry.init.choice
+        if entry.unit is None or not isinstance(value, Expression):
+            continue
+        if entry.unit.value.scale == 1.0 and not entry.unit.value.is_level:
+            continue
+        if _stands_behind(entry.unit, value.span):
+            amount = number(context, value, f"`{name}`")
+            # `3600 s/h` equals 1: it is a conversion factor
+            unit = entry.unit.value
+            is_ratio = len(unit.factors) > 1 and unit.same_dimension(ONE)
+            if not (is_ratio and isclose(unit.in_si(amount), 1.0)):
+                found[name] = Quantity(amount, unit, value.span.to(entry.unit.span))
+    return found
+
+
+def _stands_behind(unit: Located[Unit], value: Span) -> bool:
+    """True if the unit was written after the number (`300 uH`), not as `unit: uH`."""
+    key, first, last = (
+        (span.line, span.column) for span in (unit.key or unit.span, value, unit.span)
+    )
+    return unit.span.file == value.file and key < first < last
+
+
+def _unchecked_by_node(graph: Graph, written: Mapping[str, Quantity]) -> list[frozenset[str]]:
+    """For each node, the quantities that its value depends on while its unit is scaled.
+
+    A sum with another value of known unit, such as `max(level, 0.1 cm)`, confirms the scale.
+    """
+    found: list[frozenset[str]] = []
+    for _, node in graph:
+        unit, of_args = node.type.unit, [found[arg] for arg in node.args]
+        match node.op:
+            case ops.ReadParameter(name=name) | ops.Constant(name=name) if name in written:
+                names = frozenset([name])
+            case _ if unit is None or (isclose(unit.scale, 1.0) and not unit.is_level):
+                names = frozenset[str]()
+            case ops.Add() | ops.Subtract() | ops.Minimum() | ops.Maximum() | ops.Clamp() if any(
+                not names and graph[arg].type.unit is not None and not _is_zero(graph, arg)
+                for arg, names in zip(node.args, of_args, strict=True)
+            ):
+                names = frozenset[str]()
+            case _:
+                names = frozenset[str]().union(*of_args)
+        found.append(names)
+    return found
+
+
+def _meets_unknown(context: Context, graph: Graph, node: Node) -> bool:
+    """True if another operand has no unit.
+
+    Learned weights of a layer fit any scale and do not count.
+    """
+    for arg in node.args if len(node.args) > 1 else ():
+        operand = graph[graph.unrepeated(arg)]
+        is_weight = isinstance(operand.op, ops.ReadParameter) and (
+            operand.op.name not in context.spec.parameters
+        )
+        if operand.type.unit is None and not is_weight and not _is_zero(graph, arg):
+            return True
+    return False
+
+
+def _is_zero(graph: Graph, value: NodeId) -> bool:
+    op = graph[graph.unrepeated(value)].op
+    return isinstance(op, ops.Constant) and not any(op.values)

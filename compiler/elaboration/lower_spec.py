@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
 
-from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
-from compiler.elaboration.gradient_variables import gradient_variables, implicit_equations
-from compiler.elaboration.integrators.between_samples import report_between
-from compiler.elaboration.losses.losses import default_loss, lower_loss
-from compiler.elaboration.named_values.found_before import FoundBefore
-from compiler.elaboration.named_values.names import Elaboration
+from compiler.differentiation.estimated_starts import evaluations_that_decide
+from compiler.elaboration.integration import report_between
+from compiler.elaboration.losses import default_loss, lower_loss
+from compiler.elaboration.names import Elaboration
 from compiler.elaboration.section import section_of
-from compiler.elaboration.submodels.needed_submodels import needed_submodels
-from compiler.elaboration.unused import lower_unused, report_unused
+from compiler.elaboration.states import FoundBefore
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import needed, needed_over_time, reads_log
+from compiler.ir.nodes import needed, needed_over_time, reads_log
 from compiler.ir.ops import ReadLog
-from compiler.ir.program import Declared, Expected, Loss, Output, State
-from compiler.linking.link import Linked
-from compiler.lowering.context import Context
+from compiler.ir.program import Declared, Expected, Loss, Measure, Output, State
+from compiler.ir.types import Type
+from compiler.linking.link import Connected, Linked
+from compiler.lowering.constants import expected_values, signal_ranges
+from compiler.lowering.context import Context, Kind, LoweringFailed, owner_of
 from compiler.lowering.environment import START, STEP
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.places.predictions import as_predicted, prediction_of
-from compiler.lowering.ranges import expected_values, signal_ranges
-from compiler.lowering.scope import owner_of
+from compiler.lowering.expressions import lower
+from compiler.lowering.places import as_predicted, prediction_of
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors import names
+from spec_schema.errors import states as errors
 from spec_schema.errors import states as state_errors
 from spec_schema.errors import time as times
-from spec_schema.expressions.tree import Name
+from spec_schema.expressions.tree import Call, Expression, LanguageName, Name, Number
 from spec_schema.late_dataclass import dataclass
 from spec_schema.sections import signals
+from spec_schema.sections.layers import Layer
+from spec_schema.sections.references import calls_in, names_in
 from spec_schema.sections.spec import Spec
 
 
@@ -212,3 +217,253 @@ def _losses(context: Context, outputs: list[Output]) -> list[Loss]:
         except LoweringFailed:
             continue
     return found
+
+
+def fit_over(context: Context, entry: signals.State) -> int | None:
+    """Number of samples that estimate a state's initial value; see `State.fit_over`."""
+    if entry.init is None or entry.init.fit is None:
+        return None
+    over = entry.init.fit.over
+    if over == "record":
+        return 0
+    try:
+        return context.sampling.samples(over)
+    except LoweringFailed:
+        return None
+
+
+def check_fitted_starts(context: Context, states: Sequence[State], losses: Sequence[Loss]) -> None:
+    """Reports estimated initial values with fewer samples than unknowns, or without a loss."""
+    estimated = [state for state in states if state.fit_over is not None]
+    numbers = sum(Type(state.axes).size for state in estimated)
+    most = evaluations_that_decide(estimated)
+    # one report for all of them, at the first one
+    for state in estimated[:1]:
+        entry = context.spec.states[state.name]
+        assert entry.init is not None
+        assert entry.init.fit is not None
+        names = [one.name for one in estimated]
+        # fewer equations than unknowns: the estimate would not be unique
+        over = entry.init.fit.over
+        if most is not None and most < numbers and over != "record":
+            place = over.span
+            context.findings.report(errors.too_few_for_starts(names, most, numbers, place))
+        # a loss with a mistake of its own is reported already and may compare with data
+        known = _entries_with_loss(context) <= {loss.entry for loss in losses}
+        if known and all(loss.measure is Measure.MEAN for loss in losses):
+            place = entry.init.fit.place.key
+            context.findings.report(errors.starts_of_nothing(state.name, place))
+
+
+def _entries_with_loss(context: Context) -> set[str]:
+    """The entries under `losses:`, or the outputs that have a default loss."""
+    predicting = {name for name, output in context.spec.outputs.items() if output.predicts}
+    return {*context.spec.losses} if context.spec.losses else predicting
+
+
+def gradient_variables(spec: Spec) -> frozenset[str]:
+    """Names of equations and outputs that are the variable x of some `grad(y, x)`.
+
+    A function may pass x as an argument: `f(e)` with the formula `grad(a**2, a)` has the variable
+    e. All formulas are searched, including those of unused functions.
+    """
+    values = spec.equations.keys() | spec.outputs.keys()
+    model = (spec.states, spec.equations, spec.outputs, spec.layers, spec.losses)
+    waiting = [(call, _NO_ARGUMENTS) for call in calls_in(model)]
+    for function in spec.functions.values():
+        # the arguments of a function without a call are unknown; no entry is named ""
+        unknown = {argument.value: "" for argument in function.args}
+        waiting += [(call, unknown) for call in calls_in(function)]
+    found: set[str] = set()
+    entered: set[tuple[str, tuple[str, ...]]] = set()
+    while waiting:
+        call, arguments = waiting.pop()
+        name = call.function.name if isinstance(call.function, Name) else ""
+        function = None if isinstance(call.function, LanguageName) else spec.functions.get(name)
+        if function is None:
+            if name == "grad" and name not in spec.layers and len(call.arguments) == 2:
+                found.add(_variable(call.arguments[1], arguments))
+            continue
+        parameters = [argument.value for argument in function.args]
+        given = {
+            key: _variable(value, arguments) for key, value in _named_arguments(call, parameters)
+        }
+        key = name, tuple(given.get(argument, "") for argument in parameters)
+        # recursion, which is reported later, would not terminate
+        if key not in entered:
+            entered.add(key)
+            waiting += [(inner, given) for inner in calls_in(function)]
+    return frozenset(found & values)
+
+
+def implicit_equations(linked: Linked) -> frozenset[str]:
+    """The equations that an implicit integrator treats implicitly: `linear_implicit: {of:
+    NAME}`.
+    """
+    found: set[str] = set()
+    for owner, integrator in linked.integrators.items():
+        method = integrator.linear_implicit if integrator is not None else None
+        if method is not None and method.of is not None:
+            found.add(f"{owner}.{method.of.value}" if owner else method.of.value)
+    return frozenset(found)
+
+
+_NO_ARGUMENTS: Mapping[str, str] = {}
+
+
+def _named_arguments(call: Call, wanted: list[str]) -> Iterator[tuple[str, Expression]]:
+    yield from zip(wanted, call.arguments, strict=False)
+    yield from ((keyword.name, keyword.value) for keyword in call.keywords)
+
+
+def _variable(expression: Expression, arguments: Mapping[str, str]) -> str:
+    """The name behind a bare name, looked up in the arguments; "" for any other expression."""
+    if not isinstance(expression, Name):
+        return ""
+    return arguments.get(expression.name, expression.name)
+
+
+def needed_submodels(spec: Spec, expression: Expression) -> tuple[str, ...]:
+    """The sub-models that an expression of the model depends on without a delay.
+
+    Reading a parameter or a layer of a sub-model does not count: a controller may share them.
+    """
+    if not spec.use:
+        return ()
+    needed: dict[str, None] = {}
+    seen: set[str] = set()
+    waiting: list[Any] = [expression]
+    while waiting:
+        for name in names_in(waiting.pop()):
+            if name in seen:
+                continue
+            seen.add(name)
+            entry = spec.equations.get(name) or spec.outputs.get(name) or spec.states.get(name)
+            if entry is not None and "." in name and not isinstance(entry, Connected):
+                needed[name.partition(".")[0]] = None
+            for section in (spec.equations, spec.outputs, spec.functions):
+                if name in section:
+                    waiting.append(section[name].expr)
+            if name in spec.layers:
+                waiting.append(spec.layers[name])
+    return tuple(needed)
+
+
+_EXPECTED_IN_USE = frozenset(
+    {Kind.INPUT, Kind.CONSTANT, Kind.PARAMETER, Kind.LAYER, Kind.FUNCTION, Kind.EQUATION}
+)
+
+
+def lower_unused(elaborated: Elaboration) -> None:
+    """Lowers unused entries, so that their mistakes are reported.
+
+    For sub-models only equations are lowered; their own files report the rest.
+    """
+    context = elaborated.context
+    for name, entry in context.spec.equations.items():
+        with suppress(LoweringFailed):
+            elaborated.entries.value(name, entry, STEP, entry.place.key)
+    for name, constant in context.spec.constants.items():
+        if name not in context.used and not owner_of(name):
+            with suppress(LoweringFailed):
+                elaborated.constants.value(name, constant)
+    _report_parameters(elaborated)
+    for name, layer in context.spec.layers.items():
+        if name not in context.used and not owner_of(name):
+            _report_layer(elaborated, name, layer)
+    for name, function in context.spec.functions.items():
+        if name not in context.used and not owner_of(name):
+            found = _found_by_calling(elaborated, name, len(function.args))
+            # the shapes and units of its arguments are unknown
+            context.findings.report(*(d for d in found if d.code in _OF_NAMES))
+    if context.unread:
+        _report_unread(elaborated)
+
+
+def _report_unread(elaborated: Elaboration) -> None:
+    """Reports name errors in arguments that the formula of the called function does not use."""
+    apart = elaborated.afresh(FoundBefore())
+    for argument in elaborated.context.unread:
+        there = argument.environment
+        with suppress(LoweringFailed):
+            lower(apart.context, argument.expression, there.in_graph_of(there.part))
+    # other errors may be caused by the missing buffers of the program
+    found = (d for d in _errors_of(apart) if d.code in _OF_NAMES)
+    elaborated.context.findings.report(*found)
+
+
+def _report_parameters(elaborated: Elaboration) -> None:
+    """Reports errors in parameters that nothing uses."""
+    context = elaborated.context
+    unused = {
+        name: entry
+        for name, entry in context.spec.parameters.items()
+        if name not in context.used and not owner_of(name)
+    }
+    if not unused:
+        return
+    # the first use declares a parameter: a separate elaboration keeps them out of the program
+    apart = elaborated.afresh(FoundBefore())
+    for name, entry in unused.items():
+        with suppress(LoweringFailed):
+            apart.arrays.parameter(name, entry)
+    context.findings.report(*_errors_of(apart))
+
+
+# findings at this place concern the artificial call, not the spec
+_NOWHERE = Span(file="", line=0, column=0, end_line=0, end_column=0)
+# names, argument counts, misplaced calls: wrong for any arguments
+_OF_NAMES = frozenset(
+    {"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319", "E0349", "E0350"}
+)
+# axes: a call with other arguments may be right, since options can have their dims; only an
+# undeclared dimension (E0405) is wrong in any case
+_OF_AXES = frozenset({"E0401", "E0402", "E0403", "E0404", "E0406", "E0407", "E0408"})
+
+
+def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
+    """Reports the errors of a layer that do not depend on its arguments."""
+    found = _found_by_calling(elaborated, name, 1)
+    if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
+        found = _found_by_calling(elaborated, name, 2)
+    elaborated.context.findings.report(
+        *(d for d in found if d.span != _NOWHERE and d.code not in _OF_AXES)
+    )
+
+
+def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Diagnostic]:
+    """The errors of a call with zeros, which fit every unit.
+
+    The call is lowered in separate graphs, so that its nodes, arrays and memories do not remain. If
+    it reads the past, it is lowered once more with its buffers, to check how they are initialised.
+    """
+    zeros = tuple(Number(0.0, _NOWHERE) for _ in range(count))
+    call = Call(Name(name, _NOWHERE), zeros, (), _NOWHERE)
+    attempt = _lowered_alone(elaborated, call, FoundBefore())
+    known = attempt.found()
+    if known.buffers:
+        attempt = _lowered_alone(elaborated, call, known)
+        # only for its reports: buffers without initial values
+        attempt.histories.states()
+    return _errors_of(attempt)
+
+
+def _errors_of(attempt: Elaboration) -> list[Diagnostic]:
+    return [d for d in attempt.context.findings.in_order if d.severity == "error"]
+
+
+def _lowered_alone(elaborated: Elaboration, call: Call, known: FoundBefore) -> Elaboration:
+    attempt = elaborated.afresh(known)
+    with suppress(LoweringFailed):
+        lower(attempt.context, call, STEP)
+    return attempt
+
+
+def report_unused(context: Context) -> None:
+    """Warns about entries that nothing refers to."""
+    for name, declared in context.scope.items():
+        # entries of sub-models may be unused here
+        expected = declared.kind in _EXPECTED_IN_USE and not owner_of(name)
+        if expected and name not in context.used:
+            place = declared.entry.place.key
+            context.findings.report(names.unused_entry(name, declared.kind.value, place))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar, cast
 
 from compiler.ir.program import Program
 from compiler.linking.link import Linked
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.source import Span
 from spec_schema.fields.entry import Entry
 from spec_schema.late_dataclass import dataclass
-from spec_schema.registry import SectionLine
+from spec_schema.plugins import PluginPart, is_a
+from spec_schema.registry import SECTIONS, SectionLine
 
 E = TypeVar("E", bound=Entry)
 
@@ -78,5 +80,36 @@ AnySection: TypeAlias = Section[Any, Any]
 
 def section_of(line: SectionLine) -> AnySection:
     """The section of a line of the registry, imported when a spec has it."""
-    section: AnySection = line.section.value
-    return section
+    section: object = line.section.value
+    if line in SECTIONS.ours:
+        return cast("AnySection", section)
+    part = PluginPart("section", line.key, line.section.module)
+    if not isinstance(section, Section):
+        raise part.fault(f"is a {type(section).__name__}, not a Section")
+    ours = cast("AnySection", section)
+
+    def names_used(entry: Entry) -> Iterable[str]:
+        return tuple(ours.names_used(entry))
+
+    return Section(
+        compile=part.guarded(ours.compile, _fault_of_compiled, _place),
+        text=part.guarded(ours.text, is_a(str)),
+        names_used=part.guarded(names_used, place=_place),
+    )
+
+
+def _place(entry: Entry, *arguments: object) -> Span:
+    del arguments
+    return entry.place.key
+
+
+def _fault_of_compiled(found: object, *arguments: object) -> str | None:
+    if not isinstance(found, CompiledSection):
+        return is_a(CompiledSection)(found, *arguments)
+    compiled = cast("CompiledSection[Any]", found)
+    if not isinstance(getattr(compiled.problem, "program", None), Program):
+        return f"compiled to a {type(compiled.problem).__name__} without a `program`"
+    warnings = cast("tuple[object, ...]", compiled.warnings)
+    if not all(isinstance(each, Diagnostic) for each in warnings):
+        return "returned a warning that is no Diagnostic"
+    return None

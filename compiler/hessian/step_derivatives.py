@@ -16,27 +16,30 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
+
 from compiler.differentiation.forward_mode import tangents
 from compiler.differentiation.reverse_mode import gradients
-from compiler.hessian.curvature import bending_nodes, curvatures
-from compiler.hessian.directions import grouped_directions
+from compiler.hessian.curvature import bending_nodes, curvatures, grouped_directions
 from compiler.hessian.matrix_blocks import (
     Placed,
     curvature_of_groups,
     matrix_of_blocks,
     slopes_of_result,
+    with_picked_rows,
 )
-from compiler.hessian.picked_rows import with_picked_rows
+from compiler.interpreter.interpreter import Interpreter
+from compiler.interpreter.operations import Array
 from compiler.ir import ops
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node
-from compiler.ir.liveness import needed
-from compiler.ir.program import Graph, NodeId, Program
+from compiler.ir.builder import GraphBuilder, copy_node
+from compiler.ir.nodes import needed
+from compiler.ir.program import Graph, NodeId, Output, Program
 from compiler.ir.types import WINDOW, Axis, Type
-from compiler.jacobian.drop_zero_terms import without_zeros
 from compiler.jacobian.matrices import Matrix, Quantity, Vector, vector_of
-from compiler.passes.derivatives.guard_untaken import guard_untaken
-from compiler.passes.simplify.fold_constants import folded
+from compiler.jacobian.zeros import without_zeros
+from compiler.passes.guard_derivatives import guard_untaken
+from compiler.passes.simplify import folded
 
 LARGEST_FOLDED = 1 << 20
 """Maximum number of elements of a constant array of derivatives: a buffer of a thousand samples."""
@@ -252,3 +255,56 @@ def _finished(
     builder = GraphBuilder()
     found = without_zeros(picked, list(at.values()), builder, exact=exact)
     return builder, {node: found[place] for node, place in at.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class DerivativeValues:
+    """Results by name, (B, *shape), and matrices by name, (B, rows, columns)."""
+
+    results: dict[str, Array]
+    matrices: dict[str, Array]
+
+
+class DerivativeInterpreter:
+    """Evaluates the derivatives of a program with weights, as `Interpreter` evaluates the
+    program.
+    """
+
+    def __init__(
+        self,
+        derivatives: StepDerivatives,
+        program: Program,
+        weights: Mapping[str, ArrayLike] | None = None,
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        self._derivatives = derivatives
+        # a node that is the value of two results is computed once, named by its id
+        outputs = tuple(Output(str(node), node) for node in dict.fromkeys(derivatives.roots))
+        slopes = replace(
+            program,
+            # no state is stepped; multipliers are passed as states
+            states=(),
+            step=derivatives.graph,
+            outputs=outputs,
+            losses=(),
+            fits=(),
+            expected=(),
+        )
+        self._interpreter = Interpreter(slopes, weights, dtype)
+
+    def values(
+        self, log: Mapping[str, Array], t: ArrayLike, states: Mapping[str, Array]
+    ) -> DerivativeValues:
+        """The derivatives of the steps at rows t; `states` includes the multipliers."""
+        values = self._interpreter.step(log, t, states, losses=False).outputs
+        members = len(np.atleast_1d(np.asarray(t)))
+        found = self._derivatives
+        matrices = {
+            matrix.name: matrix.filled(
+                {node: values[str(node)] for node in matrix.nodes}, members, self._interpreter.dtype
+            )
+            for matrix in found.matrices
+        }
+        return DerivativeValues(
+            {name: values[str(node)] for name, node in found.values.items()}, matrices
+        )

@@ -18,7 +18,7 @@ from compiler.interpreter.operations import (
     evaluator,
     repeated_batch,
 )
-from compiler.ir.liveness import Extent, needed, states_beside_the_log
+from compiler.ir.nodes import Extent, needed, states_beside_the_log
 from compiler.ir.ops import ReadSamples, ReadState, Window
 from compiler.ir.program import Graph, NodeId, Program
 

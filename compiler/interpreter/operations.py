@@ -20,9 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.ir import ops
-from compiler.ir.program import Node
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.nodes import needed
+from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Type
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.errors import names as errors
 from spec_schema.late_dataclass import dataclass
 
 Array = NDArray[Any]
@@ -161,7 +164,7 @@ def _apply(function: str, args: tuple[int, ...], dtype: np.dtype[Any]) -> Evalua
 
         return by_numpy
     # float32 uses the kernels of the C code and rounds like it; float64 is the reference
-    from compiler.kernels.evaluate import evaluate  # float64 users do not pay for its tables
+    from compiler.kernels.table import evaluate  # float64 users do not pay for its tables
 
     kernel = row.kernel
     return lambda values, around: evaluate(kernel, *(values[arg] for arg in args))
@@ -210,3 +213,40 @@ def repeated_batch(value: Array, batch: int) -> Array:
 def _sum(terms: Array) -> Array:
     """((e₀ + e₁) + e₂) + … over the first axis."""
     return np.add.accumulate(terms, axis=0)[-1]
+
+
+def constant_value(graph: Graph, node: NodeId) -> Array:
+    """The float64 value of a node, in the shape of its axes; it must not depend on signals or
+    states.
+    """
+    values: list[Any] = [None] * len(graph)
+    with np.errstate(all="ignore"):
+        for index, live in enumerate(needed(graph, [node])):
+            if live:
+                types = tuple(graph[arg].type for arg in graph[index].args)
+                evaluate = evaluator(graph[index], types, {}, np.dtype(np.float64))
+                values[index] = evaluate(values, NOWHERE)
+    # the batch has size 1, since the value reads nothing
+    return values[node][0]
+
+
+_ARITHMETIC = (ops.Add, ops.Subtract, ops.Multiply, ops.Divide, ops.Apply)
+
+
+def never_finite(program: Program) -> list[Diagnostic]:
+    """Warns about terms that are never finite; the program has been through the passes."""
+    graph = program.step
+    found: dict[Diagnostic, None] = {}
+    for _, node in graph:
+        operands = [graph[arg].op for arg in node.args]
+        # constant terms have been folded, unless the result is infinite or NaN
+        constant = bool(operands) and all(isinstance(op, ops.Constant) for op in operands)
+        by_zero = isinstance(node.op, ops.Divide) and _is_zero(graph, node.args[1])
+        if node.span is not None and isinstance(node.op, _ARITHMETIC) and (constant or by_zero):
+            found[errors.never_finite(node.span)] = None
+    return list(found)
+
+
+def _is_zero(graph: Graph, node: NodeId) -> bool:
+    op = graph[graph.unrepeated(node)].op
+    return isinstance(op, ops.Constant) and not all(op.values)

@@ -28,10 +28,10 @@ from compiler.interpreter.bounded import (
 )
 from compiler.interpreter.operations import NOWHERE, Array, Evaluator, LeafValues, evaluator
 from compiler.ir import ops
-from compiler.ir.liveness import needed
-from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
-from compiler.ir.training.values import TrainingValue
+from compiler.ir.nodes import needed
+from compiler.ir.ops import TrainingValue
+from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 
 FUNCTION_ERROR = {"float32": 4e-6, "float64": 1e-14}
 """Maximum relative error of a scalar function in any backend. tests/native/test_lane_kernels
@@ -308,3 +308,55 @@ def _reach(
     for spread in spreads:
         still = still & (spread == 0)
     return np.where(still, 0.0, 2.0 * largest)
+
+
+@dataclass(frozen=True, slots=True)
+class Rollouts:
+    """A batch of rollouts: `steps` steps from each of the rows `t0`; losses count from step
+    `skip`.
+    """
+
+    log: Mapping[str, Array]
+    t0: NDArray[np.int64]
+    steps: int
+    skip: int
+
+
+@dataclass(frozen=True, slots=True)
+class RolloutStep:
+    """The states before one step of all rollouts, and the values of the nodes of the step."""
+
+    states: dict[str, Bounded]
+    values: list[Bounded]
+
+
+class Forward:
+    """Evaluates the start and the step of a program, with the requested nodes of each step."""
+
+    def __init__(
+        self,
+        program: Program,
+        wanted: Sequence[NodeId],
+        weights: Mapping[str, Array],
+        dtype: np.dtype[Any],
+    ) -> None:
+        self._program = program
+
+        def made(graph: Graph, nodes: Sequence[NodeId]) -> BoundedGraph:
+            return BoundedGraph(graph, nodes, weights, dtype)
+
+        self._start = made(program.start, [state.start for state in program.states])
+        self._step = made(program.step, [*(state.next for state in program.states), *wanted])
+
+    def moments(self, runs: Rollouts) -> list[RolloutStep]:
+        """Returns every step of the rollouts."""
+        members = len(runs.t0)
+        values = self._start.run(runs.log, runs.t0, {})
+        states = {s.name: values[s.start].repeated(members) for s in self._program.states}
+        steps: list[RolloutStep] = []
+        for number in range(runs.steps):
+            values = self._step.run(runs.log, runs.t0 + number, states)
+            # stores all steps: the reverse pass needs the states before each of them
+            steps.append(RolloutStep(states, values))
+            states = {s.name: values[s.next].repeated(members) for s in self._program.states}
+        return steps

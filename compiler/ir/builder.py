@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from compiler.ir import ops
-from compiler.ir.node_store import NodeStore
-from compiler.ir.program import Graph, NodeId
-from compiler.ir.rules.alignment import align, contracted
-from compiler.ir.rules.infinite_values import InfiniteValues
-from compiler.ir.rules.unit_rules import (
+from compiler.ir.infinite_values import InfiniteValues
+from compiler.ir.nodes import NodeStore
+from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.ir.rules import (
     Ruled,
     UnitConflict,
     addition_unit,
+    align,
+    contracted,
     function_unit,
     product_unit,
     quotient_unit,
     subtraction_unit,
     sum_unit,
 )
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS, Array
+from compiler.ir.scalars import SCALAR_FUNCTIONS, Array
 from compiler.ir.types import WINDOW, Axis, Type, in_order
 from spec_schema.diagnostics.source import Span
-from spec_schema.units.unit import ONE as ONE
-from spec_schema.units.unit import Unit
+from spec_schema.units.unit import ONE, Unit
 
 _ZERO_OF_ZEROS = (ops.Add, ops.Subtract, ops.Negate, ops.Broadcast, ops.Concat)
 
@@ -342,3 +343,45 @@ class GraphBuilder(NodeStore):
     def _binary(self, op: ops.Op, left: NodeId, right: NodeId, unit: Unit | None) -> NodeId:
         left, right, axes = self.aligned(left, right)
         return self.emit(op, (left, right), Type(axes, unit))
+
+
+def copy_node(builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> NodeId:
+    """Adds a node with new operands and the same type, place and label; reuses an equal node."""
+    copied = builder.emit(node.op, args, node.type, node.span)
+    if node.label is not None:
+        builder.name(copied, node.label)
+    return copied
+
+
+def with_step(program: Program, step: Graph, copies: Mapping[NodeId, NodeId]) -> Program:
+    """Replaces the step graph; `copies` maps old node ids to ids in the new graph.
+
+    It needs an entry for each node that a state, output, loss or expected range names.
+    """
+    return replace(
+        program,
+        step=step,
+        states=tuple(replace(state, next=copies[state.next]) for state in program.states),
+        outputs=tuple(replace(output, node=copies[output.node]) for output in program.outputs),
+        losses=tuple(loss.moved(copies) for loss in program.losses),
+        expected=tuple(replace(entry, node=copies[entry.node]) for entry in program.expected),
+    )
+
+
+def with_start(program: Program, start: Graph, copies: Mapping[NodeId, NodeId]) -> Program:
+    """Replaces the start graph; `copies` maps each state's start node to its new id."""
+    states = tuple(replace(state, start=copies[state.start]) for state in program.states)
+    return replace(program, start=start, states=states)
+
+
+def samples(
+    builder: GraphBuilder, value: NodeId, oldest: int, read: tuple[int, int], like: Node
+) -> NodeId:
+    """Slices samples t+first … t+last, `read`, out of a value whose window begins at t+oldest.
+
+    The result has the axes of `like`, the node that read these samples before. If `like` has no
+    window axis, the result is a single sample.
+    """
+    first, last = read
+    part = builder.slice(value, WINDOW, first - oldest, last - oldest + 1)
+    return builder.reshape(part, like.type.axes)

@@ -12,8 +12,38 @@ import operator
 from enum import Enum
 from typing import ClassVar
 
-from compiler.ir.training.values import TrainingValue
 from spec_schema.late_dataclass import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class StateAdjoint:
+    """∂S/∂(the next value of a state); for a buffer, ∂S/∂(its newest sample)."""
+
+    state: str
+
+
+@dataclass(frozen=True, slots=True)
+class NewestSample:
+    """The sample that the forward step appended to a buffer."""
+
+    buffer: str
+
+
+@dataclass(frozen=True, slots=True)
+class KeptRow:
+    """The value of a node at this time, stored by the forward pass in one row per time."""
+
+    node: int
+
+
+@dataclass(frozen=True, slots=True)
+class LossScale:
+    """∂S/∂(the sum of a loss over the elements of this step)."""
+
+    loss: str
+
+
+TrainingValue = StateAdjoint | NewestSample | KeptRow | LossScale
 
 
 class Relation(Enum):
@@ -173,7 +203,7 @@ class Select(Elementwise):
 
 @dataclass(frozen=True, slots=True)
 class Apply(Elementwise):
-    """A scalar function of the table in `scalars/table.py`, on every element."""
+    """A scalar function of the table in `scalars.py`, on every element."""
 
     function: str
 

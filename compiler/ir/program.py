@@ -2,21 +2,140 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from enum import Enum
-from typing import Literal
+from typing import Literal, TypeAlias
 
-from compiler.ir.fit import Fit
-from compiler.ir.graph import Graph as Graph
-from compiler.ir.graph import Node as Node
-from compiler.ir.graph import NodeId as NodeId
-from compiler.ir.training.known import Penalty, Prior, Statistic
+from compiler.ir.ops import Broadcast, Op
 from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
 from spec_schema.version import __version__
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """A Gaussian prior: mean and standard deviation of each element of a parameter."""
+
+    mean: float
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Penalty:
+    """A penalty on one learned array, not differentiable where elements or slices are 0.
+
+    Proximal optimisers handle it apart from the other losses (decision 0215). They use its value,
+    but not its derivative.
+    """
+
+    parameter: str
+    over: str | None
+    """The axis whose slices are penalised by their norms; None penalises the magnitude of each
+    element."""
+
+
+@dataclass(frozen=True, slots=True)
+class Statistic:
+    """A statistic of a signal over the training rows; it initialises a parameter."""
+
+    kind: Literal["mean", "std"]
+    signal: str
+
+
+NodeId = int
+"""Index of a node in its graph; operands have smaller indices than the nodes that use them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One operation: its operands, the static type of its value and its place in the spec."""
+
+    op: Op
+    args: tuple[NodeId, ...]
+    type: Type
+    # equal operations are one node, also if the spec repeats them: it has the place of the first
+    span: Span | None = field(default=None, compare=False)
+    label: str | None = field(default=None, compare=False)
+    """Name of the equation, output or layer with this value, for comments and reports."""
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """Nodes in an order in which they can be evaluated."""
+
+    nodes: tuple[Node, ...] = ()
+
+    def __getitem__(self, node: NodeId) -> Node:
+        return self.nodes[node]
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def __iter__(self) -> Iterator[tuple[NodeId, Node]]:
+        return iter(enumerate(self.nodes))
+
+    def unrepeated(self, node: NodeId) -> NodeId:
+        """The operand behind a chain of `Broadcast` nodes, or `node` if it is none."""
+        while isinstance(self.nodes[node].op, Broadcast):
+            (node,) = self.nodes[node].args
+        return node
+
+
+FilterKind: TypeAlias = Literal["iir", "state_space"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A filter layer that is initialised as the linear system fitted from its argument to a target.
+
+    The fit is least squares over the training rows.
+    """
+
+    kind: FilterKind
+    layer: str
+    argument: Graph
+    """Computes the argument of the layer; its last node is the value. It reads inputs and
+    parameters only."""
+    target: Prediction
+    """The signal, and its time offset, that the output of the filter is fitted to."""
+    num: int
+    """Order of the numerator."""
+    den: int
+    """Order of the denominator."""
+    feedthrough: bool
+    """True if the argument affects the result in the same step."""
+    radius: float
+    """Maximum magnitude of the poles."""
+
+    @property
+    def array_names(self) -> tuple[str, ...]:
+        """The parameter arrays of the layer that the fit sets."""
+        return filter_arrays(self.kind, self.feedthrough)
+
+    def sizes(self, target: tuple[Axis, ...]) -> Mapping[str, int]:
+        """The number of elements of each array, for a target with these axes."""
+        outputs = Type(target).size
+        match self.kind:
+            case "iir":
+                return {"num": outputs * (self.num + 1), "reflection": outputs * self.den}
+            case "state_space":
+                inputs = self.argument.nodes[-1].type.size
+                direct = {"D": outputs * inputs} if self.feedthrough else {}
+                sizes = {"B": self.den * inputs, "C": outputs * self.den, "reflection": self.den}
+                return {**sizes, **direct}
+
+
+def filter_arrays(kind: FilterKind, feedthrough: bool) -> tuple[str, ...]:
+    """The names of the parameter arrays of a filter layer."""
+    match kind:
+        case "iir":
+            return ("num", "reflection")
+        case "state_space":
+            return ("B", "C", "reflection", *(("D",) if feedthrough else ()))
+
 
 InvalidPolicy = Literal["clamp", "hold", "flag", "trust"]
 RangePolicy = Literal["flag", "saturate", "reset"]

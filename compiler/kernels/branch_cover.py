@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.kernels.evaluate import routine
+from compiler.kernels.table import routine
 from compiler.kernels.tables.formats import RealName
 from compiler.kernels.trace.run_routine import Outcome, run_routine
 from compiler.kernels.trace.statements import (

@@ -8,7 +8,7 @@ from typing import assert_never
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
 from compiler.ir.program import NodeId
-from compiler.kernels.evaluate import routine
+from compiler.kernels.table import routine
 from compiler.kernels.trace.statements import (
     Assign,
     Binary,

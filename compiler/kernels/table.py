@@ -1,19 +1,22 @@
-"""Lists the kernels by name, with the accuracy that docs/kernels.md shows to hold."""
+"""Lists the kernels, with the accuracy that docs/kernels.md shows to hold, and evaluates them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from compiler.kernels.routines.exponential import EXP
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.kernels.routines.exponential import EXP, LOG, SIGMOID, SOFTPLUS
 from compiler.kernels.routines.hyperbolic import COSH, SINH, TANH
 from compiler.kernels.routines.inverse_trigonometric import ACOS, ASIN, ATAN, ATAN2
-from compiler.kernels.routines.logarithm import LOG
-from compiler.kernels.routines.logistic import SIGMOID, SOFTPLUS
 from compiler.kernels.routines.power import POW
 from compiler.kernels.routines.trigonometric import COS, SIN, TAN
-from compiler.kernels.trace.operations import square_root
-from compiler.kernels.trace.subroutine import Subroutine
-from compiler.kernels.trace.values import Real, Value
+from compiler.kernels.tables.formats import FORMATS, RealName
+from compiler.kernels.trace.run_routine import run_routine
+from compiler.kernels.trace.statements import Routine
+from compiler.kernels.trace.values import Real, Subroutine, Value, square_root, trace
 
 
 def _sqrt(x: Real) -> tuple[Value, ...]:
@@ -70,3 +73,32 @@ _ROWS = (
 )
 
 KERNELS: dict[str, MathKernel] = {row.name: row for row in _ROWS}
+
+
+def evaluate(name: str, *arrays: NDArray[Any]) -> NDArray[Any]:
+    """Evaluates the kernel on arrays of one dtype, float32 or float64, broadcast together.
+
+    float32 gives the bits of the generated C, except for the payload of NaN. Overflow, underflow
+    and invalid arguments are silent, as in C. Raises TypeError for other dtypes and KeyError for a
+    name that is not in `KERNELS`.
+
+        >>> evaluate("tanh", np.array([0.0, 30.0], dtype=np.float32))
+        array([0., 1.], dtype=float32)
+    """
+    inputs = [np.asarray(array) for array in arrays]
+    dtypes = {array.dtype for array in inputs}
+    formats = [row for row in FORMATS.values() if {row.dtype} == dtypes]
+    if len(formats) != 1:
+        found = ", ".join(sorted(str(dtype) for dtype in dtypes))
+        raise TypeError(f"{name} takes arrays of float32 or of float64, not {found}")
+    shape = np.broadcast_shapes(*(array.shape for array in inputs))
+    flat = tuple(np.broadcast_to(array, shape).reshape(-1) for array in inputs)
+    if len(flat) != KERNELS[name].arity:
+        raise TypeError(f"{name} takes {KERNELS[name].arity} arguments, not {len(flat)}")
+    (result,) = run_routine(routine(name, formats[0].c_type), flat)
+    return np.broadcast_to(result, flat[0].shape).reshape(shape)
+
+
+def routine(name: str, real: RealName) -> Routine:
+    """The statements of a kernel in one format, for code generators."""
+    return trace(KERNELS[name].subroutine, FORMATS[real])

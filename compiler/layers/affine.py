@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from compiler.ir.program import NodeId
 from compiler.ir.types import Axis, describe_axes
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.named_arrays import named_array
+from compiler.layers.rules.arguments import named_array
+from compiler.layers.rules.layer_rule import LayerContext
 from spec_schema.errors import shapes
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.sections.values import Initializer
 
 

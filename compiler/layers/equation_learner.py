@@ -7,15 +7,14 @@ from typing import TypeAlias
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.scalars.signatures import SIGNATURES
+from compiler.ir.scalars import SIGNATURES
 from compiler.ir.types import UNNAMED, Axis, describe_axes
 from compiler.layers.affine import Affine
 from compiler.layers.rules.arguments import read_elements
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
 from spec_schema.errors import names, shapes
-from spec_schema.fields.located import Located
-from spec_schema.sections.layers.networks import EquationLearner
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.layer_kinds import EquationLearner
 from spec_schema.sections.values import Function
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from compiler.ir.program import NodeId
 from compiler.ir.types import WINDOW, Axis, describe_axes
-from compiler.layers.rules.arguments import read_window
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
-from compiler.layers.rules.named_arrays import named_array
+from compiler.layers.rules.arguments import named_array, read_window
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
 from spec_schema.errors import shapes
-from spec_schema.fields.located import Located
-from spec_schema.sections.layers.networks import Fir
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.layer_kinds import Fir
 
 
 def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:

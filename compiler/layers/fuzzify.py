@@ -6,24 +6,23 @@ from dataclasses import replace
 from typing import assert_never
 
 from compiler.ir.program import NodeId
-from compiler.ir.rules.unit_rules import distance_unit
-from compiler.ir.scalars.table import Array
+from compiler.ir.rules import distance_unit
+from compiler.ir.scalars import Array
 from compiler.ir.types import UNNAMED, Axis
 from compiler.layers.rules.arguments import read_scalars
-from compiler.layers.rules.centers import ascending, learned_centers
 from compiler.layers.rules.fuzzy_sets import (
     FuzzySets,
+    ascending,
     gaussian,
+    learned_centers,
     neighbour_widths,
     rectangular,
     triangular,
 )
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Member
-from spec_schema.sections.layers.fuzzy_sets import CustomMembership, Fuzzify
-from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.layers import CustomMembership, Fuzzify, Layer
 from spec_schema.units.unit import Unit
 
 

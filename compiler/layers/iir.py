@@ -5,11 +5,16 @@ from __future__ import annotations
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import Axis
-from compiler.layers.rules.fit import Orders, declare_fit
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
-from compiler.layers.rules.memory import CallMemory, initial_value, read_signal, starting
-from spec_schema.sections.layers.filters import Iir
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
+from compiler.layers.rules.memory import (
+    CallMemory,
+    Orders,
+    declare_fit,
+    initial_value,
+    read_signal,
+    starting,
+)
+from spec_schema.sections.layer_kinds import Iir
 
 
 def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:

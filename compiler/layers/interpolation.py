@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.ir.program import NodeId
-from compiler.ir.scalars.table import Array
+from compiler.ir.scalars import Array
 from compiler.layers.rules.arguments import read_scalars
-from compiler.layers.rules.centers import ascending
-from compiler.layers.rules.fuzzy_sets import FuzzySets, beyond, triangular
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.fuzzy_sets import FuzzySets, ascending, beyond, triangular
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
 from compiler.lowering.constants import evaluate
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Expression
-from spec_schema.sections.layers.tables import Interpolation
+from spec_schema.sections.layer_kinds import Interpolation
 from spec_schema.units.unit import ONE, Unit
 
 

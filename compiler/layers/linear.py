@@ -5,9 +5,8 @@ from __future__ import annotations
 from compiler.ir.program import NodeId
 from compiler.layers.affine import Affine
 from compiler.layers.rules.arguments import read_elements
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
-from spec_schema.sections.layers.networks import Linear
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
+from spec_schema.sections.layer_kinds import Linear
 
 
 def linear(context: LayerContext, settings: Linear, arguments: Arguments) -> NodeId:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from compiler.ir.program import NodeId
 from compiler.ir.types import UNNAMED, Axis
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
 from compiler.lowering.expressions import lower_all
 from spec_schema.errors import shapes
-from spec_schema.sections.layers.layer import LocalModel
+from spec_schema.sections.layers import LocalModel
 
 
 def local_model(context: LayerContext, settings: LocalModel, arguments: Arguments) -> NodeId:

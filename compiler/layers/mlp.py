@@ -7,10 +7,9 @@ import math
 from compiler.ir.program import NodeId
 from compiler.layers.affine import Affine
 from compiler.layers.rules.arguments import read_elements
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
-from spec_schema.fields.located import Located
-from spec_schema.sections.layers.networks import Mlp
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.layer_kinds import Mlp
 
 
 def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:

@@ -6,18 +6,16 @@ from typing import Literal
 
 import numpy as np
 
-from compiler.ir.program import NodeId
-from compiler.ir.rules.unit_rules import distance_unit
-from compiler.ir.training.known import Statistic
+from compiler.ir.program import NodeId, Statistic
+from compiler.ir.rules import distance_unit
 from compiler.ir.types import Axis, describe_axes
 from compiler.layers.rules.arguments import read_value
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
-from compiler.linking.connected import Connected
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
+from compiler.linking.link import Connected
 from compiler.lowering.constants import evaluate, refuse_infinite
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Expression, Future, Member, Name, Past, Window
-from spec_schema.sections.layers.tables import Normalize
+from spec_schema.sections.layer_kinds import Normalize
 from spec_schema.sections.signals import Signal
 from spec_schema.units.unit import Unit
 

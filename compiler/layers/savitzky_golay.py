@@ -7,13 +7,12 @@ import math
 import numpy as np
 
 from compiler.ir.program import NodeId
-from compiler.ir.scalars.table import Array
+from compiler.ir.scalars import Array
 from compiler.ir.types import WINDOW, Axis
 from compiler.layers.rules.arguments import read_window
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments, LayerRule
+from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
 from spec_schema.errors import names
-from spec_schema.sections.layers.filters import SavitzkyGolay
+from spec_schema.sections.layer_kinds import SavitzkyGolay
 from spec_schema.units.parser import parse_unit
 
 

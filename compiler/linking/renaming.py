@@ -9,15 +9,14 @@ from typing import Any, TypeVar, cast
 
 from pydantic.fields import FieldInfo
 
-from compiler.ir.scalars.signatures import OF_THE_LANGUAGE
+from compiler.ir.scalars import OF_THE_LANGUAGE
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Call, Expression, Keyword, LanguageName, Member, Name
 from spec_schema.fields.entry import Entry
-from spec_schema.fields.leaf import Gathering, signals, some_signals
-from spec_schema.fields.located import Choice, Located
+from spec_schema.fields.leaf import Choice, Gathering, Located, signals, some_signals
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.layers.networks import EQUATION_TERMS, EquationLearner
+from spec_schema.sections.layer_kinds import EQUATION_TERMS, EquationLearner
 from spec_schema.sections.values import Function, Initializer
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit

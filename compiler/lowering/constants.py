@@ -1,23 +1,27 @@
-"""Evaluates constant expressions to arrays at compile time."""
+"""Evaluates constant expressions to arrays, and declared ranges in the unit of their values."""
 
 from __future__ import annotations
 
+import math
 from typing import TypeGuard
 
 import numpy as np
 
-from compiler.interpreter.constant_value import constant_value
-from compiler.ir.scalars.table import Array
+from compiler.interpreter.operations import constant_value
+from compiler.ir.program import Expected
+from compiler.ir.scalars import Array
 from compiler.ir.types import Axis, describe_axes
-from compiler.lowering.context import Context
-from compiler.lowering.environment import Environment, EnvironmentPart
+from compiler.linking.link import Connected
+from compiler.lowering.context import Context, LoweringFailed
+from compiler.lowering.environment import STEP, Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.shape_repair import shape_repair
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import names
+from spec_schema.errors import names, schema
 from spec_schema.expressions.tree import Call, Expression, LanguageName, ListLiteral, Name
 from spec_schema.late_dataclass import dataclass
+from spec_schema.sections.signals import Equation
+from spec_schema.sections.values import Dimension
+from spec_schema.units.quantity import Quantity, Range, converted
 from spec_schema.units.unit import ONE, Unit
 
 # a graph stores all of its million elements
@@ -135,3 +139,116 @@ def refuse_infinite(context: Context, what: str, values: Array | float, span: Sp
     if not np.all(np.isfinite(values)):
         context.findings.report(names.unfit_constant(what, "is not finite", span))
         raise LoweringFailed
+
+
+def shape_repair(
+    context: Context, name: str, found: tuple[int, ...], axes: tuple[Axis, ...]
+) -> str | None:
+    """The suggested repair for values of another shape than the entry declares."""
+    if axes:
+        wanted = " x ".join(str(axis.size) for axis in axes)
+        return f"write {wanted} numbers, or one number for all"
+    if set(found) == {1}:
+        return "write the number without brackets"
+    # arrays of a layer have no entry to which `dims:` could be added
+    return dims_repair(context, found) if name in context.scope else None
+
+
+def dims_repair(context: Context, shape: tuple[int, ...]) -> str:
+    """The `dims:` that an array of this shape needs, with the declaration of missing dimensions."""
+    declared = {
+        entry.name: entry.entry.size
+        for entry in context.scope.values()
+        if isinstance(entry.entry, Dimension)
+    }
+    taken: list[str] = []
+    missing: list[str] = []
+    for position, size in enumerate(shape, start=1):
+        # the axes of one array have different names
+        fitting = (name for name in declared if declared[name] == size and name not in taken)
+        name = next(fitting, None)
+        if name is None:
+            name = "NAME" if len(shape) == 1 else f"NAME{position}"
+            missing.append(f"{name}: {size}")
+        taken.append(name)
+    names = taken[0] if len(taken) == 1 else f"[{', '.join(taken)}]"
+    repair = f"add `dims: {names}` to it"
+    return f"{repair}, and `{', '.join(missing)}` to `dims:` of the spec" if missing else repair
+
+
+def range_in(
+    context: Context, range: Range | None, unit: Unit | None
+) -> tuple[float, float] | None:
+    """A declared range in the unit of the value; a bare number is already in it.
+
+    Raises LoweringFailed after reporting a unit of another dimension or an empty range.
+    """
+    if range is None:
+        return None
+    low, high = (limit_in(context, limit, unit) for limit in (range.low, range.high))
+    if low >= high:
+        context.findings.report(schema.reversed_range(range.low.text, range.high.text, range.span))
+        raise LoweringFailed
+    # checks, tests and controllers draw samples from the whole range and need its width
+    if not math.isfinite(high - low):
+        text, wanted = f"{range.low.text} … {range.high.text}", "a range whose width is a number"
+        context.findings.report(schema.out_of_range(text, range.span, wanted))
+        raise LoweringFailed
+    return low, high
+
+
+def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
+    """A limit in the unit of the limited value. Raises LoweringFailed as above."""
+    number = converted(limit, unit, context.findings)
+    if number is None:
+        raise LoweringFailed
+    return number
+
+
+def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
+    """A difference of two values in their unit, without the offset of units such as degC."""
+    number = converted(width, unit, context.findings, is_distance=True)
+    if number is None:
+        raise LoweringFailed
+    return number
+
+
+def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
+    """The ranges of all inputs, targets and states, by name."""
+    ranges: dict[str, tuple[float, float]] = {}
+    for entries in (context.spec.inputs, context.spec.targets, context.spec.states):
+        for name, entry in entries.items():
+            unit = entry.unit.value if entry.unit else None
+            try:
+                limits = range_in(context, entry.range, unit)
+            except LoweringFailed:
+                continue
+            if limits is not None:
+                ranges[name] = limits
+    return ranges
+
+
+def expected_values(context: Context) -> list[Expected]:
+    """The expected ranges of equations, and of values connected to inputs that have a range."""
+    builder = context.builder(STEP)
+    expected: list[Expected] = []
+    for name, entry in context.spec.equations.items():
+        declared = _range_of(entry)
+        # a node that several times share counts once
+        nodes = list(dict.fromkeys(node for _, node in context.names.lowerings(name, STEP)))
+        if declared is None or not nodes:
+            continue
+        try:
+            # an equation without declared unit has the unit of its formula
+            limits = range_in(context, declared, builder.type(nodes[0]).unit)
+        except LoweringFailed:
+            continue
+        assert limits is not None
+        expected += [Expected(name, node, limits, entry.place.key) for node in nodes]
+    return expected
+
+
+def _range_of(entry: Equation) -> Range | None:
+    if isinstance(entry, Connected):
+        return entry.feeds.range
+    return entry.range

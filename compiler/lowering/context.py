@@ -3,32 +3,246 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import field
+from enum import Enum
 from typing import Protocol
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.rules.op_rules import LARGEST_SIZE
+from compiler.ir.program import State as ProgramState
+from compiler.ir.rules import LARGEST_SIZE
 from compiler.ir.types import Axis, Type, describe_axes
-from compiler.linking.given_weights import GivenWeights
+from compiler.linking.link import GivenWeights
 from compiler.lowering.environment import Environment, EnvironmentPart, FunctionArgument, Time
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.notes.gradient_sources import GradientSources
-from compiler.lowering.notes.memories import Memories
-from compiler.lowering.notes.solved_calls import SolvedCall
-from compiler.lowering.notes.stage_reads import StageReads
-from compiler.lowering.sampling import Sampling
-from compiler.lowering.scope import Declaration, Scope
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
+from spec_schema.errors import names as name_errors
 from spec_schema.errors import shapes
-from spec_schema.expressions.tree import Call, Member, Name
+from spec_schema.errors import time as time_errors
+from spec_schema.expressions.tree import Call, Duration, Length, Member, Name, Samples, TimeOffset
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.dimensions import Dimension
-from spec_schema.sections.signals import Signal, State
+from spec_schema.sections.layers import Layer
+from spec_schema.sections.signals import Equation, Output, Signal, State
 from spec_schema.sections.spec import Spec
-from spec_schema.sections.values import Parameter
+from spec_schema.sections.submodels import Use
+from spec_schema.sections.values import Constant, Dimension, Function, Parameter
+
+
+class LoweringFailed(Exception):  # noqa: N818  (no error of its own: the diagnostic is)
+    """The value has a mistake that has been reported; values that depend on it fail silently."""
+
+
+Entry = (
+    Use | Dimension | Signal | Constant | Parameter | Layer | Function | State | Equation | Output
+)
+
+
+class Kind(Enum):
+    """The section that declares a name; the value is its wording in messages."""
+
+    SUBMODEL = "a sub-model"
+    DIMENSION = "a dimension"
+    INPUT = "an input"
+    TARGET = "a target"
+    CONSTANT = "a constant"
+    PARAMETER = "a parameter"
+    LAYER = "a layer"
+    FUNCTION = "a function"
+    STATE = "a state"
+    EQUATION = "an equation"
+    OUTPUT = "an output"
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """A name and its entry in the spec."""
+
+    name: str
+    kind: Kind
+    entry: Entry
+
+
+def owner_of(name: str) -> str:
+    """The sub-model that a full name belongs to; "" for the model itself."""
+    return name.rpartition(".")[0]
+
+
+class Scope(Mapping[str, Declaration]):
+    """All declared names. A second declaration is reported; the first one stays valid."""
+
+    def __init__(self, spec: Spec, findings: Findings) -> None:
+        self._declared: dict[str, Declaration] = {}
+        sections: tuple[tuple[Kind, Mapping[str, Entry]], ...] = (
+            (Kind.SUBMODEL, spec.use),
+            (Kind.DIMENSION, spec.dims),
+            (Kind.INPUT, spec.inputs),
+            (Kind.TARGET, spec.targets),
+            (Kind.CONSTANT, spec.constants),
+            (Kind.PARAMETER, spec.parameters),
+            (Kind.LAYER, spec.layers),
+            (Kind.FUNCTION, spec.functions),
+            (Kind.STATE, spec.states),
+            (Kind.EQUATION, spec.equations),
+            (Kind.OUTPUT, spec.outputs),
+        )
+        # if two sections declare a name, the later one in this order is reported
+        for kind, section in sections:
+            for name, entry in section.items():
+                first = self._declared.get(name)
+                if first is None:
+                    self._declared[name] = Declaration(name, kind, entry)
+                else:
+                    findings.report(
+                        name_errors.declared_twice(
+                            name, entry.place.key, first.entry.place.key, first.kind.value
+                        )
+                    )
+
+    def __getitem__(self, name: str) -> Declaration:
+        return self._declared[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._declared)
+
+    def __len__(self) -> int:
+        return len(self._declared)
+
+
+LONGEST_WINDOW = 1_000_000
+# A duration such as 0.3 s at 0.1 s is 2.9999999999999996 samples in floating point.
+_TOLERANCE = 1e-9
+_BEYOND = 1e15
+
+
+class Sampling:
+    """Converts durations to samples for one sample time; reports durations that do not fit."""
+
+    def __init__(self, sample_time: float | None, findings: Findings) -> None:
+        self.sample_time = sample_time
+        self._findings = findings
+
+    def samples(self, length: Length) -> int:
+        """Number of samples of a length.
+
+        Raises LoweringFailed if it is not a multiple of the sample time.
+        """
+        match length:
+            case Samples(count=count):
+                found = count
+            case Duration():
+                found = self.from_seconds(length.seconds, length.quantity.text, length.span)
+        if abs(found) > LONGEST_WINDOW:
+            shown = f"{'at least ' if found == _BEYOND else ''}{found:,}"
+            self._findings.report(time_errors.window_too_long(shown, LONGEST_WINDOW, length.span))
+            raise LoweringFailed
+        return found
+
+    def offset(self, offset: TimeOffset) -> int:
+        """Samples from t; negative in the past."""
+        return offset.sign * self.samples(offset.length)
+
+    def required(self, what: str, span: Span) -> float:
+        """Seconds between samples; reports `what` as an error in a static model."""
+        if self.sample_time is None:
+            self._findings.report(time_errors.needs_sample_time(what, span))
+            raise LoweringFailed
+        return self.sample_time
+
+    def from_seconds(self, seconds: float, text: str, span: Span) -> int:
+        """Samples of a duration in seconds; `text` is its spelling in the spec."""
+        sample_time = self.required(f"the duration {text}", span)
+        # ∞ cannot be rounded; the limit is far above the longest window
+        exact = min(seconds / sample_time, _BEYOND)
+        nearest = round(exact)
+        if abs(exact - nearest) > _TOLERANCE * max(1.0, abs(exact)):
+            # 0 s is not a valid window or delay
+            multiples = [each for each in (math.floor(exact), math.ceil(exact)) if each]
+            nearest_texts = [_seconds_text(each * sample_time) for each in multiples]
+            self._findings.report(
+                time_errors.not_a_multiple(text, _seconds_text(sample_time), nearest_texts, span)
+            )
+            raise LoweringFailed
+        return nearest
+
+
+def _seconds_text(seconds: float) -> str:
+    if seconds and abs(seconds) < 1:
+        return f"{seconds * 1000:.9g} ms"
+    return f"{seconds:.9g} s"
+
+
+class GradientSources:
+    """The value that each gradient was taken of. The gradient of 3·x is a constant, but uses x."""
+
+    def __init__(self) -> None:
+        # node ids are unique within a graph only: the builder distinguishes step and start
+        self._sources: dict[tuple[int, NodeId], list[NodeId]] = {}
+
+    def remember(self, builder: GraphBuilder, result: NodeId, value: NodeId) -> None:
+        """Records that `result` is a gradient of `value`."""
+        self._sources.setdefault((id(builder), result), []).append(value)
+
+    def made_of(self, builder: GraphBuilder, value: NodeId) -> set[NodeId]:
+        """The nodes that a value depends on, including those that a gradient in it eliminated."""
+        reached: set[NodeId] = set()
+        waiting = [value]
+        while waiting:
+            node = waiting.pop()
+            if node not in reached:
+                reached.add(node)
+                waiting += builder.node(node).args
+                waiting += self._sources.get((id(builder), node), ())
+        return reached
+
+
+class Memories:
+    """The states of layers and calls. Equal calls on the same signal share a state."""
+
+    def __init__(self) -> None:
+        self._names: dict[tuple[str, tuple[Hashable, ...]], str] = {}
+        self._calls: dict[str, int] = {}
+        self._states: dict[str, ProgramState] = {}
+
+    @property
+    def states(self) -> tuple[ProgramState, ...]:
+        """All states, in the order of first use."""
+        return tuple(self._states.values())
+
+    def name(self, owner: str, call: tuple[Hashable, ...]) -> str:
+        """Name of the state of a call: `h.state`, and `h.state2` for a second signal."""
+        key = (owner, call)
+        if key not in self._names:
+            number = self._calls[owner] = self._calls.get(owner, 0) + 1
+            self._names[key] = f"{owner}.state{number if number > 1 else ''}"
+        return self._names[key]
+
+    def keep(self, state: ProgramState) -> None:
+        """Adds a state with its next value and its start."""
+        self._states[state.name] = state
+
+
+@dataclass(frozen=True, slots=True)
+class SolvedCall:
+    """x = M⁻¹ (a − b) in a graph, such as the forward dynamics of a robot: ddq = M⁻¹ (τ − bias).
+
+    `argument` is the node of a. `with_diagonal(d)` is the node of (M + diag(d))⁻¹ (a − b), d along
+    the axis of a.
+    """
+
+    argument: NodeId
+    with_diagonal: Callable[[NodeId], NodeId]
+
+
+@dataclass(frozen=True)
+class StageReads:
+    """Pairs (sub-model whose states are integrated, name); the sub-model is "" for the model
+    itself.
+    """
+
+    inputs: set[tuple[str, str]] = field(default_factory=set[tuple[str, str]])
+    """Inputs read later than sample t, where an interpolated input differs from its sample."""
+    parameters: set[tuple[str, str]] = field(default_factory=set[tuple[str, str]])
 
 
 class Names(Protocol):

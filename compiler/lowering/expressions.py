@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from fractions import Fraction
+from itertools import combinations
 from typing import assert_never
 
 from compiler.ir.builder import GraphBuilder
@@ -11,20 +12,154 @@ from compiler.ir.ops import Constant
 from compiler.ir.ops import Negate as CoreNegate
 from compiler.ir.ops import Relation as CoreRelation
 from compiler.ir.program import NodeId
-from compiler.ir.rules.alignment import contracted
-from compiler.ir.rules.unit_rules import power_unit
+from compiler.ir.rules import AxisConflict, UnitConflict, contracted, power_unit, twin_axes
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
-from compiler.lowering.aligning import aligning, warn_of_twin_axes
-from compiler.lowering.context import Context
+from compiler.lowering.context import Context, LoweringFailed
 from compiler.lowering.environment import Environment
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import shapes, time
+from spec_schema.errors import shapes, time, units
 from spec_schema.expressions import tree
-from spec_schema.expressions.text import expression_text
+from spec_schema.expressions.tree import Binary, Expression, Number, expression_text, number_text
+from spec_schema.sections.signals import Input
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.unit import ONE
+from spec_schema.units.unit import ONE, Unit
+
+
+def report_unit_conflicts(
+    context: Context, builder: GraphBuilder, expression: Expression, operation: str | None = None
+) -> None:
+    """Reports the unit conflicts that the builder collected for the expression, and clears them.
+
+    `operation` is the user's spelling, if it differs from the name of the node.
+    """
+    for conflict in builder.conflicts:
+        secondary = ()
+        if isinstance(expression, Binary):
+            secondary = (
+                (expression.left.span, f"this is in {conflict.expected.text}"),
+                (expression.right.span, f"this is in {conflict.found.text}"),
+            )
+        context.findings.report(
+            units.units_differ(
+                operation or conflict.operation,
+                conflict.found.text,
+                conflict.expected.text,
+                expression.span,
+                secondary,
+                bare=_bare_number(conflict, expression),
+                factor=_scale_between(conflict),
+            )
+        )
+    builder.conflicts.clear()
+
+
+def report_declared_unit(
+    context: Context, name: str, found: Unit, declared: Unit, span: Span
+) -> None:
+    """Reports an expression whose unit differs from the declared one."""
+    is_temperature = found.same_dimension(declared) and found.offset != declared.offset
+    context.findings.report(
+        units.declared_unit_differs(
+            name, found.text, declared.text, span, is_temperature=is_temperature
+        )
+    )
+
+
+def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
+    """A number that lacks its unit, written with the unit of the other operand."""
+    if not isinstance(expression, Binary):
+        return None
+    for side, unit in ((expression.left, conflict.found), (expression.right, conflict.expected)):
+        if isinstance(side, Number):
+            return f"{number_text(side.value)} {unit.text}"
+    return None
+
+
+def _scale_between(conflict: UnitConflict) -> float | None:
+    """The factor from the actual to the expected unit, if both have the same dimension."""
+    found, expected = conflict.found, conflict.expected
+    factor = found.factor_to(expected) if found.same_dimension(expected) else 1.0
+    return None if factor == 1.0 else factor
+
+
+class aligning:  # noqa: N801  (read as a verb: `with aligning(…):`)
+    """Reports an AxisConflict inside the block as a diagnostic about the two operands."""
+
+    def __init__(
+        self,
+        context: Context,
+        operation: str,
+        whole: Expression,
+        left: Expression,
+        right: Expression,
+    ) -> None:
+        self._facts = context, operation, whole, left, right
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, AxisConflict):
+            context, operation, whole, left, right = self._facts
+            context.findings.report(
+                shapes.axes_differ(
+                    operation,
+                    describe_axes(error.left),
+                    describe_axes(error.right),
+                    error.reason,
+                    whole.span,
+                    left.span,
+                    right.span,
+                    error.hint or None,
+                )
+            )
+            raise LoweringFailed from error
+
+
+def warn_of_twin_axes(
+    context: Context,
+    builder: GraphBuilder,
+    operation: str,
+    whole: Expression,
+    operands: Iterable[tuple[Expression, NodeId]],
+) -> None:
+    """Warns about the first two operands that form an outer product by accident (`twin_axes`)."""
+    typed = [(operand.span, builder.type(node).axes) for operand, node in operands]
+    for (left, left_axes), (right, right_axes) in combinations(typed, 2):
+        try:
+            found = twin_axes(left_axes, right_axes)
+        except AxisConflict:
+            return  # which the operation itself reports
+        if found is not None:
+            sides = (left, describe_axes(left_axes)), (right, describe_axes(right_axes))
+            context.findings.report(
+                shapes.twin_axes(operation, found.name, found.size, whole.span, *sides)
+            )
+            return
+
+
+def moving_input(
+    context: Context, name: str, entry: Input, environment: Environment
+) -> NodeId | None:
+    """(1−τ)·u[t] + τ·u[t+1] for `between: linear`; τ is the elapsed fraction of the step.
+
+    Returns None outside the stages of an integrator, and for an input without interpolation. The
+    value lies between the two samples, so the range of the input also holds for it.
+    """
+    stage = environment.stage
+    if stage is None or environment.is_elsewhere or not entry.is_linear:
+        return None
+    builder = context.builder(environment)
+    type, fraction = context.type_of(entry), stage.fraction
+    if fraction in (0, 1):
+        return builder.signal(name, int(fraction), int(fraction), type)
+    now, following = (builder.signal(name, at, at, type) for at in (0, 1))
+    before = builder.multiply(builder.constant(float(1 - fraction)), now)
+    after = builder.multiply(builder.constant(float(fraction)), following)
+    interpolated = builder.add(before, after)
+    builder.name(interpolated, f"{name}_at_{fraction.numerator}_{fraction.denominator}")
+    return interpolated
+
 
 # Up to here squaring needs at most 10 products; larger exponents are left to `pow`.
 LARGEST_POWER = 64

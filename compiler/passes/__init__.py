@@ -1,14 +1,12 @@
-"""Passes: plain functions from Program to Program, one file each, verified before and after."""
+"""Passes: plain functions from Program to Program, verified before and after."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from compiler.ir.program import Program
-from compiler.ir.rules.verifier import verify
-from compiler.passes.simplify.drop_unused import drop_unused
-from compiler.passes.simplify.fold_constants import fold_constants
-from compiler.passes.simplify.share_common import share_common
+from compiler.ir.verifier import verify
+from compiler.passes.simplify import drop_unused, fold_constants, share_common
 
 PASSES: tuple[Callable[[Program], Program], ...] = (fold_constants, share_common, drop_unused)
 """The passes that every compiled program goes through, in this order."""

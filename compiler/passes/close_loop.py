@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from enum import Enum
 
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.evaluation_order import CycleError, evaluation_order
-from compiler.ir.graph_copy import copy_node, samples, with_step
-from compiler.ir.liveness import extents as extents_of
+from compiler.ir.builder import GraphBuilder, copy_node, samples, with_step
+from compiler.ir.nodes import CycleError, evaluation_order
+from compiler.ir.nodes import extents as extents_of
 from compiler.ir.ops import ReadSignal, Relation, Window
 from compiler.ir.program import (
     LayerMemory,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.builder import GraphBuilder, copy_node, with_start, with_step
 from compiler.ir.ops import Dropout
 from compiler.ir.program import Graph, NodeId, Program, Role, Signal
 from compiler.ir.types import Axis, Type

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.builder import GraphBuilder, copy_node, with_start, with_step
 from compiler.ir.ops import Apply
 from compiler.ir.program import Graph, NodeId, Program
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS, ByFormula, ByKernel
+from compiler.ir.scalars import SCALAR_FUNCTIONS, ByFormula, ByKernel
 
 
 def expand_functions(program: Program, native: frozenset[str]) -> Program:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.builder import GraphBuilder, copy_node, with_step
 from compiler.ir.program import NodeId, Program
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.builder import GraphBuilder, copy_node, with_step
 from compiler.ir.program import NodeId, Program
 from compiler.passes.analyses.compact_sets import (
     active_sums,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, samples, with_start, with_step
-from compiler.ir.liveness import Extent, extents
+from compiler.ir.builder import GraphBuilder, copy_node, samples, with_start, with_step
+from compiler.ir.nodes import Extent, extents
 from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import History, Node, NodeId, Program, Signal, State
 from compiler.ir.types import WINDOW, Axis, Type

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field
 from enum import Enum, EnumType
+from fractions import Fraction
 from functools import cache
 from types import NoneType
 from typing import Any, Literal, TypeVar, assert_never, cast, get_args, get_origin, get_type_hints
@@ -25,21 +26,161 @@ from compiler.ir.program import (
     Node,
     Origin,
     Parameter,
+    Penalty,
+    Prior,
+    Statistic,
     Tape,
 )
-from compiler.ir.training.known import Penalty, Prior, Statistic
 from compiler.ir.types import Axis, Prediction, Type
-from compiler.program_file.plain_data import (
-    Malformed,
-    PlainRecord,
-    as_integer,
-    as_number,
-    as_pair,
-    as_text,
-)
-from compiler.program_file.unit_data import unit_from_data, unit_to_data
 from spec_schema.diagnostics.source import Span
-from spec_schema.units.unit import Unit
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import ONE, Unit, UnitError, unit_symbol
+
+Read = TypeVar("Read")
+
+# a double represents every integer up to this limit
+_LARGEST_INTEGER = 1 << 53
+_LONGEST_STRING = 1 << 20
+
+
+class Malformed(Exception):  # noqa: N818  (carried to the reader's edge, where it becomes a Diagnostic)
+    """A value is missing or of the wrong kind; the text says which."""
+
+
+class PlainRecord:
+    """A JSON object all of whose keys must be read; `place` is its path in the file."""
+
+    def __init__(self, data: Any, place: str) -> None:
+        if not isinstance(data, dict):
+            raise Malformed(f"{place} is no object")
+        self._data = cast("dict[str, Any]", data)
+        self._read = set[str]()
+        self.place = place
+
+    def close(self) -> None:
+        """Raises Malformed if a key has not been read."""
+        for key in self._data:
+            if key not in self._read:
+                raise Malformed(f"{self.place} has the unknown key {key[:40]!r}")
+
+    def has(self, key: str) -> bool:
+        """True if the key exists with a value other than null."""
+        self._read.add(key)
+        return self._data.get(key) is not None
+
+    def raw(self, key: str) -> Any:
+        self._read.add(key)
+        if key not in self._data:
+            raise Malformed(f"{self.place} has no {key!r}")
+        return self._data[key]
+
+    def _place(self, key: str) -> str:
+        return f"{self.place}.{key}"
+
+    def text(self, key: str) -> str:
+        return as_text(self.raw(key), self._place(key))
+
+    def integer(self, key: str) -> int:
+        return as_integer(self.raw(key), self._place(key))
+
+    def number(self, key: str) -> float:
+        return as_number(self.raw(key), self._place(key))
+
+    def truth(self, key: str) -> bool:
+        value = self.raw(key)
+        if not isinstance(value, bool):
+            raise Malformed(f"{self._place(key)} is neither true nor false")
+        return value
+
+    def items(self, key: str, read: Callable[[Any, str], Read]) -> tuple[Read, ...]:
+        """The list under the key; `read(item, place)` reads each item."""
+        place = self._place(key)
+        return tuple(
+            read(item, f"{place}[{index}]")
+            for index, item in enumerate(as_list(self.raw(key), place))
+        )
+
+
+def as_list(value: Any, place: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise Malformed(f"{place} is no list")
+    return cast("list[Any]", value)
+
+
+def as_text(value: Any, place: str) -> str:
+    if not isinstance(value, str) or len(value) > _LONGEST_STRING:
+        raise Malformed(f"{place} is no text")
+    return value
+
+
+def as_integer(value: Any, place: str) -> int:
+    # in Python a bool is an `int`
+    if not isinstance(value, int) or isinstance(value, bool) or abs(value) > _LARGEST_INTEGER:
+        raise Malformed(f"{place} is no whole number")
+    return value
+
+
+def as_number(value: Any, place: str) -> float:
+    if isinstance(value, int):
+        return float(as_integer(value, place))
+    if not isinstance(value, float) or not math.isfinite(value):
+        raise Malformed(f"{place} is no finite number")
+    return value
+
+
+def as_pair(value: Any, place: str) -> tuple[Any, Any]:
+    pair = as_list(value, place)
+    if len(pair) != 2:
+        raise Malformed(f"{place} is no pair")
+    return pair[0], pair[1]
+
+
+_MOST_FACTORS = 100
+_LARGEST_POWER = 1000
+
+
+def unit_to_data(unit: Unit) -> Any:
+    """`"N*m"`; for what texts cannot say, as the root of a metre, `[["m", "1/2"]]`."""
+    try:
+        # roots of units have a text that nothing reads, and products may round their scale another
+        # way
+        readable = parse_unit(unit.text).same_as(unit)
+    except UnitError:
+        readable = False
+    return unit.text if readable else [[symbol, str(power)] for symbol, power in unit.factors]
+
+
+def unit_from_data(data: Any, place: str) -> Unit:
+    """The unit of the data. Raises Malformed."""
+    if isinstance(data, str):
+        try:
+            return parse_unit(data)
+        except UnitError as error:
+            raise Malformed(f"{place}: {error}") from error
+    factors = as_list(data, place)
+    if len(factors) > _MOST_FACTORS:
+        raise Malformed(f"{place} has too many factors")
+    unit = ONE
+    for factor in factors:
+        symbol, power = as_pair(factor, place)
+        base = unit_symbol(as_text(symbol, place))
+        if base is None:
+            raise Malformed(f"{place} has an unknown symbol")
+        unit = unit * base.power(_power(power, place))
+    return unit
+
+
+def _power(data: Any, place: str) -> Fraction:
+    text = as_text(data, place)
+    try:
+        # the cap is on the text too, since a long number is slow to read
+        power = Fraction(text) if len(text) < 20 else Fraction(_LARGEST_POWER + 1)
+    except (ValueError, ZeroDivisionError) as error:
+        raise Malformed(f"{place} has a power that is no fraction") from error
+    if abs(power) > _LARGEST_POWER:
+        raise Malformed(f"{place} has a power that is too large")
+    return power
+
 
 Data = dict[str, Any]
 Made = TypeVar("Made")

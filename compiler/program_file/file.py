@@ -3,24 +3,129 @@
 from __future__ import annotations
 
 import json
-from typing import Any, cast
+from collections.abc import Callable, Iterable
+from pathlib import PurePath
+from typing import Any, TypeVar, cast
 
-from compiler.ir.program import Program
-from compiler.ir.rules.verifier import InvalidProgram, verify
-from compiler.program_file.plain_data import Malformed, PlainRecord
-from compiler.program_file.reader import read_program
-from compiler.program_file.writer import FORMAT, program_to_data
+from compiler.ir.program import (
+    Dimension,
+    Expected,
+    Fit,
+    Formula,
+    Graph,
+    Loss,
+    Node,
+    Output,
+    Parameter,
+    Program,
+    Signal,
+    State,
+    UsedPlugin,
+)
+from compiler.ir.verifier import InvalidProgram, verify
+from compiler.program_file.fields import (
+    Data,
+    Malformed,
+    PlainRecord,
+    Shared,
+    as_text,
+    read,
+    to_data,
+)
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.errors import files
 
-__all__ = [
-    "data_from_json",
-    "data_to_json",
-    "program_from_data",
-    "program_from_json",
-    "program_to_data",
-    "program_to_json",
-]
+Made = TypeVar("Made")
+
+
+def read_program(data: Any) -> Program:
+    """The program in the data, not verified yet. Raises Malformed."""
+    record = PlainRecord(data, "the file")
+    record.integer("format")
+    shared = Shared(record.items("files", as_text))
+
+    def reading(make: type[Made]) -> Callable[[Any, str], Made]:
+        return lambda item, place: read(make, item, place, shared)
+
+    program = Program(
+        name=record.text("name"),
+        sample_time=record.number("sample_time") if record.has("sample_time") else None,
+        signals=record.items("signals", reading(Signal)),
+        parameters=record.items("parameters", reading(Parameter)),
+        states=record.items("states", reading(State)),
+        step=Graph(record.items("step", reading(Node))),
+        start=Graph(record.items("start", reading(Node))),
+        outputs=record.items("outputs", reading(Output)),
+        losses=record.items("losses", reading(Loss)),
+        expected=record.items("expected", reading(Expected)) if record.has("expected") else (),
+        fits=record.items("fits", reading(Fit)) if record.has("fits") else (),
+        dimensions=record.items("dimensions", reading(Dimension)),
+        formulas=record.items("formulas", reading(Formula)) if record.has("formulas") else (),
+        plugins=record.items("plugins", reading(UsedPlugin)) if record.has("plugins") else (),
+        doc=record.text("doc"),
+        spec_hash=record.text("spec_hash"),
+    )
+    # unknown keys are refused, since they may change the meaning of the program
+    record.close()
+    return program
+
+
+FORMAT = 1
+"""Version of the file; readers refuse another one."""
+
+
+def program_to_data(program: Program) -> Data:
+    """Dictionaries, lists, strings and numbers from which `program_from_data` makes it again.
+
+    Numbers keep every bit, units are written by their text, places by the name of their file
+    without its folder, unless two files have one name. What has its default value is left out.
+    """
+    names = _names_of_files(program)
+    shared = Shared(tuple(names.values()), numbers={path: i for i, path in enumerate(names)})
+    data: Data = {
+        "format": FORMAT,
+        "name": program.name,
+        "doc": program.doc,
+        "spec_hash": program.spec_hash,
+        "sample_time": program.sample_time,
+        "files": list(shared.files),
+        "dimensions": [to_data(dimension, shared) for dimension in program.dimensions],
+        "signals": [to_data(signal, shared) for signal in program.signals],
+        "parameters": [to_data(parameter, shared) for parameter in program.parameters],
+        "states": [to_data(state, shared) for state in program.states],
+        "start": [to_data(node, shared) for node in program.start.nodes],
+        "step": [to_data(node, shared) for node in program.step.nodes],
+        "outputs": [to_data(output, shared) for output in program.outputs],
+        "losses": [to_data(loss, shared) for loss in program.losses],
+    }
+    if program.expected:
+        data["expected"] = [to_data(entry, shared) for entry in program.expected]
+    if program.fits:
+        data["fits"] = [to_data(fit, shared) for fit in program.fits]
+    if program.formulas:
+        data["formulas"] = [to_data(formula, shared) for formula in program.formulas]
+    if program.plugins:
+        data["plugins"] = [to_data(plugin, shared) for plugin in program.plugins]
+    return data
+
+
+def _names_of_files(program: Program) -> dict[str, str]:
+    """The shortest ends of the paths of all specs in which no two are the same, by path."""
+    spans = [node.span for graph in (program.start, program.step) for node in graph.nodes]
+    for declared in (program.signals, program.parameters, program.states):
+        spans += [item.span for item in declared]
+    for declared in (program.outputs, program.losses, program.expected, program.formulas):
+        spans += [item.span for item in declared]
+    parts = {span.file: PurePath(span.file).parts for span in spans if span is not None}
+    return {path: "/".join(own[-_length(own, parts.values()) :]) for path, own in parts.items()}
+
+
+def _length(own: tuple[str, ...], every: Iterable[tuple[str, ...]]) -> int:
+    """The number of last parts of a path that tell it from the others."""
+    others = [parts for parts in every if parts != own]
+    lengths = range(1, len(own) + 1)
+    return next((n for n in lengths if all(p[-n:] != own[-n:] for p in others)), len(own))
+
 
 LONGEST_TEXT = 256 << 20
 """Maximum number of characters of a program file."""

@@ -11,7 +11,7 @@ from plant import NOISE, SAMPLE_TIME, Tanks
 
 import msnn
 from msnn.features.control.run.controller import Controller as Predictive
-from msnn.features.control.run.solution import Solution
+from msnn.features.control.run.method import Solution
 from msnn.model.model import Model
 
 Array = npt.NDArray[np.float64]

@@ -7,23 +7,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.deviation import bits_of_each, deviations, worst_deviation
-from msnn.agreement.faults import FarStep, Fault, beyond_proof, other_bits
-from msnn.agreement.judging.judgement import Arrays, Beginning, Judgement, labelled, labelled_first
-from msnn.agreement.judging.record import AgreementRecord
-from msnn.agreement.judging.restarts import begun_again, outside
-from msnn.agreement.loaded import Loaded
-from msnn.agreement.rounding.branches import branches
-from msnn.agreement.rounding.rounding_cost import (
+from msnn.agreement.agreement import Agreement, FarStep, Fault, beyond_proof, other_bits
+from msnn.agreement.jacobian import measured_slopes
+from msnn.agreement.judge import begun_again, outside
+from msnn.agreement.judgement import (
+    AgreementRecord,
+    Arrays,
+    Beginning,
+    Judgement,
+    Loaded,
+    labelled,
+    labelled_first,
+)
+from msnn.agreement.rounding import (
     STEP_LIMIT,
+    branches,
     first_states,
     single_steps,
     step_limit,
     within_rounding,
 )
-from msnn.agreement.slopes import measured_slopes
-from msnn.agreement.subject import NOTHING, Deviations, Subject
+from msnn.agreement.subject import (
+    NOTHING,
+    Deviations,
+    Subject,
+    bits_of_each,
+    deviations,
+    worst_deviation,
+)
 
 FREE_STEPS = 1000
 

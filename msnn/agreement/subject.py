@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from compiler.ir.program import Program
-from msnn.agreement.judging.judgement import Judge, NumberType, Promise
+from msnn.agreement.judgement import Arrays, Judge, NumberType, Promise
 from msnn.data.dataset import FloatArray
 
 
@@ -43,3 +48,45 @@ class Deviations:
 
 
 NOTHING = Deviations({}, {}, {})
+
+
+def worst_deviation(found: Arrays, wanted: Arrays) -> float:
+    """max |a − b| / max(|b|, s) over all arrays, s = the largest magnitude of each one in `wanted`.
+
+    Arrays are (steps, *shape); those in `found` may have fewer steps. The result is infinite if NaN
+    or infinities are at different positions.
+    """
+    return max(deviations(found, wanted).values(), default=0.0)
+
+
+def deviations(found: Arrays, wanted: Arrays) -> dict[str, float]:
+    """The same for each array."""
+    return {name: _deviation(found[name], wanted[name]) for name in wanted}
+
+
+def bits_of_each(found: Arrays, wanted: Arrays) -> dict[str, int]:
+    """Number of values per array that differ in any bit; all NaNs count as equal."""
+    counts: dict[str, int] = {}
+    for name, values in wanted.items():
+        a, b = np.ascontiguousarray(found[name]), np.ascontiguousarray(values)
+        # bits as integers: −0 and +0 differ, as do NaN of other payloads, which are let pass
+        unsigned = {4: np.uint32, 8: np.uint64}[b.dtype.itemsize]
+        same = a.view(unsigned) == b.view(unsigned)
+        counts[name] = int(np.sum(~(same | (np.isnan(a) & np.isnan(b)))))
+    return counts
+
+
+def _deviation(found: NDArray[Any], wanted: NDArray[Any]) -> float:
+    b = wanted.astype(np.float64)
+    finite = np.isfinite(b)
+    scale = float(np.abs(b[finite]).max(initial=0.0))
+    a, b, finite = found.astype(np.float64), b[: len(found)], finite[: len(found)]
+    others_differ = ~finite & ~((a == b) | (np.isnan(a) & np.isnan(b)))
+    # NaN and ∞ have to stand where the judge has them
+    if others_differ.any() or not np.isfinite(a[finite]).all():
+        return math.inf
+    error = float(np.abs(a[finite] - b[finite]).max(initial=0.0))
+    if not error:
+        return 0.0
+    # of a signal that is 0 everywhere any error is infinite
+    return error / scale if scale else math.inf

@@ -10,7 +10,7 @@ from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
-    from msnn.simulation.engines.progress import RolloutProgress
+    from msnn.simulation.engines.engine import RolloutProgress
 
 
 def changes(

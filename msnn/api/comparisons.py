@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from spec_schema.reading.python_values import Settings, setting_texts
+from msnn.api.results import Shown
+from msnn.features.comparison.compare import Comparison
+from msnn.features.comparison.report import comparison_cells, comparison_record, plot_comparison
+from msnn.tables import Table, count
+from spec_schema.reading.setting_values import Settings, setting_texts
 
 if TYPE_CHECKING:
-    from msnn.api.results.comparisons import ShownComparison
     from msnn.data.reading.frames import Frames
     from msnn.features.comparison.compare import ComparisonOptions, Listener
-    from msnn.features.comparison.draws import Draws
-    from msnn.features.comparison.variants import Grid
+    from msnn.features.comparison.variants import Draws, Grid
+
 
 _USUAL_DRAWS = 20
 
@@ -171,7 +174,6 @@ def _ranked(
     options: ComparisonOptions,
     listener: Listener | None,
 ) -> ShownComparison:
-    from msnn.api.results.comparisons import shown_comparison
     from msnn.features.comparison.compare import compare as run
     from msnn.features.comparison.variants import grid_axes
 
@@ -183,8 +185,8 @@ def _place(path: str | Path | None) -> Path | None:
 
 
 def _draws(draw: Sequence[str] | Mapping[str, str], count: int | None, seed: int) -> Draws:
-    from msnn.features.comparison.draws import Draws, draw_axes
-    from msnn.features.comparison.errors.sweeps import nothing_drawn
+    from msnn.features.comparison.errors import nothing_drawn
+    from msnn.features.comparison.variants import Draws, draw_axes
     from spec_schema.diagnostics.diagnostic import SpecError
 
     axes = draw_axes(draw)
@@ -193,3 +195,30 @@ def _draws(draw: Sequence[str] | Mapping[str, str], count: int | None, seed: int
         raise SpecError((nothing_drawn(count),))
     # without laws the grid alone is trained
     return Draws(axes, (_USUAL_DRAWS if count is None else count) if axes else 0, seed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ShownComparison(Shown, Comparison):
+    """A comparison with its table; `to_frame` returns the values."""
+
+    def _said(self) -> str:
+        best = "none trained" if self.best is None else f"best {self.best.variant.label}"
+        models = count(len(self.entries), "model")
+        return f"Comparison: {models} by {self.criterion.heading}, {best}"
+
+    def _tables(self) -> Sequence[Table]:
+        return [comparison_cells(self)]
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        rows: list[dict[str, Any]] = comparison_record(self)["models"]
+        first = next(iter(rows), dict[str, Any]())
+        names = [name for name in first if name not in ("runs", "failed")]
+        return {name: [row[name] for row in rows] for name in names}
+
+    def _draw(self, path: Path) -> Path:
+        return plot_comparison(path, self)
+
+
+def shown_comparison(found: Comparison) -> ShownComparison:
+    """The comparison as an object with tables and plots."""
+    return ShownComparison(**{field.name: getattr(found, field.name) for field in fields(found)})

@@ -1,33 +1,42 @@
-"""Checks data, evaluates a model on data, and simulates it."""
+"""Checks data, evaluates a model on data, simulates it, and shows the results."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
+from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError
+from msnn.api.results import Shown
 from msnn.data.dataset import FloatArray
 from msnn.errors.failures import MissingExtraError
 from msnn.model.model import Model
 from msnn.model.model_data import data_folder, known_in, measured, sources_of, told_where_they_were
-from msnn.model.weights.given_weights import Weights
+from msnn.model.weights.weights_file import Weights
+from msnn.reports.simulation_plots import plot_simulation, plot_validation
+from msnn.simulation.simulate import Simulations, run_record, simulation_rows
+from msnn.tables import Table, count
+from msnn.validation.measurement import METRICS
+from msnn.validation.reports.report import limits, measurements_cells, metrics_cells
+from msnn.validation.reports.words import rollout_text, unit_text
+from msnn.validation.validate import ValidationReport
 from spec_schema.diagnostics.diagnostic import SpecError
 
-NOT_HERE = {"E1042", "E1301"}
-"""Codes for engines that are not available on this machine, or for this spec."""
-
 if TYPE_CHECKING:
-    from msnn.api.results.measurements import ShownReport, ShownSimulations
     from msnn.data.dataset import Dataset
     from msnn.data.reading.frames import Frames
     from msnn.features.data_check.found import DataCheck
-    from msnn.simulation.engines.engine import Engine
-    from msnn.simulation.engines.progress import RolloutProgress
+    from msnn.simulation.engines.engine import Engine, RolloutProgress
     from msnn.simulation.intervals import Intervals
     from msnn.simulation.simulation_data import GivenData
-    from msnn.validation.reports.engines_report import EnginesReport
+    from msnn.validation.reports.report import EnginesReport
+
+
+NOT_HERE = {"E1042", "E1301"}
+"""Codes for engines that are not available on this machine, or for this spec."""
 
 
 def check_data(
@@ -103,13 +112,12 @@ def validate_on(
     intervals: bool = False,
 ) -> ShownReport:
     """See `validate`; `dataset` is already loaded, or None if every entry has its own files."""
-    from msnn.api.results.measurements import ShownReport
     from msnn.data.reading.file_sets import load_file_sets
     from msnn.exports.running.exported_rollouts import chosen_engine
-    from msnn.model.trained_fold import fold_of_another_run
+    from msnn.model.trained_model import fold_of_another_run
+    from msnn.model.weights.covariance import known_covariance
     from msnn.model.weights.kept_starts import known_starts
-    from msnn.model.weights.known_covariance import known_covariance
-    from msnn.simulation.engines.progress import nobody
+    from msnn.simulation.engines.engine import nobody
     from msnn.validation import validate as validation
 
     chosen, checks = chosen_engine(model, engine), model.spec.checks
@@ -149,7 +157,7 @@ def validate_every_engine(
     Raises SpecError for errors in the spec or its data.
     """
     from msnn.simulation.engines.open_rollouts import AUTO, ENGINES
-    from msnn.validation.reports.engines_report import EnginesReport
+    from msnn.validation.reports.report import EnginesReport
 
     reports: dict[str, ShownReport] = {}
     left_out: dict[str, str] = {}
@@ -200,11 +208,10 @@ def simulate(
     then a result or the path of a run. Returns a sequence of runs, with `warnings`, `to_frame()`
     and `plot()`. Raises SpecError, and ValueError for an invalid horizon.
     """
-    from msnn.api.results.measurements import ShownSimulations
     from msnn.exports.prepare import loop_fault
     from msnn.exports.running.exported_rollouts import chosen_engine
     from msnn.model.weights.kept_starts import known_starts
-    from msnn.simulation.engines.progress import nobody
+    from msnn.simulation.engines.engine import nobody
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
     from msnn.simulation.simulation_data import simulation_data
@@ -259,8 +266,8 @@ def _intervals(
 ) -> Intervals:
     """The prediction intervals of simulations, from the residuals on the training rows."""
     from msnn.data.reading.frames import with_training_rows
-    from msnn.errors.results.intervals import no_training_rows
-    from msnn.model.weights.known_covariance import known_covariance
+    from msnn.errors.learning.weights import no_training_rows
+    from msnn.model.weights.covariance import known_covariance
     from msnn.validation.covered import free_intervals
 
     if not 0.0 < level < 1.0:
@@ -274,3 +281,107 @@ def _intervals(
             raise SpecError([no_training_rows(None, why)])
         trained_on = measured(model, frames, data_root, "prediction intervals")
         return free_intervals(model.program, trained_on, known, covariance, level, engine)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class ShownReport(Shown, ValidationReport):
+    """A validation with its tables; `to_frame` has one row per output, simulation and metric."""
+
+    def _said(self) -> str:
+        broken = sum(1 for row in self.rows if row.passed is False)
+        limited = sum(1 for row in self.rows if row.passed is not None)
+        kept = f"{broken} of {count(limited, 'limit')} not kept" if limited else "no limits"
+        return f"ValidationReport: {count(len(self.measurements), 'measurement')}, {kept}"
+
+    def _tables(self) -> Sequence[Table]:
+        return [metrics_cells(self), measurements_cells(self)]
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        limit = {
+            (row.of, row.metric, rollout_text(row), row.data): limits(row) for row in self.rows
+        }
+        found = [
+            (
+                each.of,
+                metric,
+                each.metrics[metric].value,
+                unit_text(each.unit) if metric in METRICS[:3] else "",
+                limit.get((each.of, metric, rollout_text(each), each.data), ""),
+                rollout_text(each),
+                each.data,
+                each.scored,
+            )
+            for each in self.measurements
+            for metric in METRICS
+        ]
+        found += [
+            (
+                row.of,
+                row.metric,
+                row.value,
+                unit_text(row.unit),
+                limits(row),
+                rollout_text(row),
+                row.data,
+                row.scored,
+            )
+            for row in self.rows
+            if row.metric not in METRICS
+        ]
+        names = ("of", "metric", "value", "unit", "limit", "rollout", "data", "scored")
+        return {name: [row[i] for row in found] for i, name in enumerate(names)}
+
+    def _draw(self, path: Path) -> Path:
+        return plot_validation(path, self)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class ShownSimulations(Shown, Simulations):
+    """Simulations; `to_frame` is the table of `msnn simulate`, one row per step."""
+
+    program: Program | None = None
+    """The simulated program."""
+
+    def _said(self) -> str:
+        steps = sum(run.steps for run in self.runs)
+        return f"Simulations: {count(len(self.runs), 'run')}, {count(steps, 'step')}"
+
+    def _ran(self) -> Program:
+        assert self.program is not None, "simulate gives it"
+        return self.program
+
+    def _tables(self) -> Sequence[Table]:
+        rows = [
+            (
+                ", ".join(dict.fromkeys(run.places.files)),
+                ", ".join(name or "no set" for name in dict.fromkeys(run.places.sets)),
+                str(run.steps),
+                _ends(run_record(run)["rows"]),
+                _ends(run_record(run)["time"]),
+            )
+            for run in self.runs
+        ]
+        return [Table(("file", "set", "steps", "rows", "time / s"), rows, [2])]
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        header, rows = simulation_rows(self._ran(), self.runs)
+        columns = list(zip(*rows, strict=True)) or [() for _ in header]
+        return {
+            # "" is what a file has where there is no number
+            name: list(column) if name in ("file", "set") else [_number(cell) for cell in column]
+            for name, column in zip(header, columns, strict=True)
+        }
+
+    def _draw(self, path: Path) -> Path:
+        return plot_simulation(path, self._ran(), self.runs)
+
+
+def _number(cell: object) -> object:
+    return None if cell == "" else cell
+
+
+def _ends(found: object) -> str:
+    if not isinstance(found, list):
+        return ""
+    ends = cast("list[float | None]", found)
+    return " … ".join("–" if end is None else f"{end:g}" for end in ends)

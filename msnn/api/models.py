@@ -1,4 +1,4 @@
-"""Loads, compiles, steps, linearises, controls and exports one model."""
+"""Loads, compiles, steps, linearises, controls, exports and imports one model."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ from msnn.data.dataset import FloatArray
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.model.model_data import known_in, sources_of
-from msnn.model.weights.given_weights import Weights
+from msnn.model.weights.weights_file import Weights
 from msnn.packages import TORCH
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
-from spec_schema.reading.python_values import Settings, setting_texts, spec_text
+from spec_schema.reading.setting_values import Settings, setting_texts, spec_text
 from spec_schema.sections.spec import Spec
-
-OF_TEXT, OF_MAPPING = Path("text.msnn.yaml"), Path("mapping.msnn.yaml")
-"""Names of specs without a file, in diagnostics and runs."""
 
 if TYPE_CHECKING:
     from backends.torch_module.step_module import StepModule
-    from msnn.features.control.kalman.kalman_filter import KalmanFilter
+    from msnn.features.control.kalman_filter import KalmanFilter
     from msnn.features.control.run.controller import Controller
-    from msnn.features.control.run.estimation.moving_horizon import MovingHorizon
     from msnn.features.control.run.method import Solver
+    from msnn.features.control.run.moving_horizon import MovingHorizon
+    from msnn.features.nnodely.import_model import WrittenImport
     from msnn.simulation.linearize import Linearization
-    from msnn.stepping.stepper import Stepper
+    from msnn.stepping import Stepper
+
+
+OF_TEXT, OF_MAPPING = Path("text.msnn.yaml"), Path("mapping.msnn.yaml")
+"""Names of specs without a file, in diagnostics and runs."""
 
 
 def load(spec: str | Path | Mapping[str, object], settings: Settings = ()) -> Model:
@@ -56,10 +58,11 @@ def load(spec: str | Path | Mapping[str, object], settings: Settings = ()) -> Mo
 
 
 def compile(spec: str | Path | Mapping[str, object] | Spec) -> Program:
-    """The program of a spec, in window form.
+    """Compiles a spec to a program.
 
         program = msnn.compile("plant.msnn.yaml")
 
+    The program is in window form: a step reads past inputs as windows of the data, not from states.
     Raises SpecError with all errors in the spec, and ValueError for a Spec with sub-models, because
     their files are relative to that of the spec.
     """
@@ -120,7 +123,7 @@ def stepper(model: Model, weights: Weights | None = None) -> Stepper:
     compiler the interpreter is used, with a RuntimeWarning. Weights None: the initial values.
     Raises SpecError; ValueError if an input is missing, unknown or of another shape.
     """
-    from msnn.stepping.open_stepper import open_stepper
+    from msnn.stepping import open_stepper
 
     known = known_in(model, weights)
     with sources_of(model):
@@ -233,3 +236,19 @@ def export(
     with sources_of(model):
         written = [write_export(plan, known, Path(folder)) for plan in plans]
     return tuple(path for export in written for path in export.files)
+
+
+def import_nnodely(file: str | Path, out: str | Path | None = None) -> WrittenImport:
+    """Writes the spec and the weights of a model that nnodely 1.x saved as JSON.
+
+        written = msnn.import_nnodely("plant.json")
+        model = msnn.load(written.spec)
+        (run,) = msnn.simulate(model, frames, written.weights)
+
+    `out` is the spec, by default the file's name with the ending `.msnn.yaml`; the weights are
+    written next to it. Raises SpecError if a value or relation does not have nnodely's format, if a
+    function cannot be translated, or if one of the files exists.
+    """
+    from msnn.features.nnodely.import_model import write_import
+
+    return write_import(Path(file), None if out is None else Path(out))

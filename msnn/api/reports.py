@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from msnn.model.model import Model
     from msnn.model.model_weights import ChosenWeights
     from msnn.reports.run_summary import Run
-    from msnn.simulation.engines.progress import RolloutProgress
+    from msnn.simulation.engines.engine import RolloutProgress
     from msnn.simulation.simulate import Simulation
     from msnn.training.records.run_log import RunLine
     from msnn.validation.validate import ValidationReport
@@ -60,7 +60,7 @@ def report(
     without weights.
     """
     from backends.files.atomic_write import write_text
-    from msnn.errors.results import reports as errors
+    from msnn.errors import validation as errors
     from msnn.features.report_page.live import NotLive, live_model
     from msnn.features.report_page.page import Contents, page_text
     from msnn.model.load import load_model
@@ -106,7 +106,7 @@ def report(
 
 
 def _other_data(*, were_given: bool) -> Diagnostic:
-    from msnn.errors.results import reports as errors
+    from msnn.errors import validation as errors
 
     if were_given:
         kept = "those that were given are others; records and errors are of these"
@@ -142,11 +142,11 @@ def _measured(
 ) -> tuple[Dataset | None, tuple[Simulation, ...], ValidationReport | None]:
     """The data, simulations and metrics; each is empty if it is not available."""
     from msnn.api.measurements import needs_data, validate_on
-    from msnn.errors.results import reports as errors
+    from msnn.errors import validation as errors
     from msnn.exports.prepare import loop_fault
     from msnn.exports.running.exported_rollouts import chosen_engine
     from msnn.model.weights.kept_starts import known_starts
-    from msnn.simulation.engines.progress import nobody
+    from msnn.simulation.engines.engine import nobody
     from msnn.simulation.simulate import simulate, simulation_program
 
     runs: tuple[Simulation, ...] = ()
@@ -191,7 +191,7 @@ def _read(
 ) -> Dataset | None:
     """The data of the caller or of the spec; None after a warning about the missing contents."""
     from msnn.api.measurements import needs_data
-    from msnn.errors.results import reports as errors
+    from msnn.errors import validation as errors
     from msnn.model.model_data import measured
 
     lacking = "records and errors" if needs_data(model) else "records"
@@ -226,8 +226,8 @@ def _line(folder: Path) -> RunLine | None:
 
 def _verification(file: Path) -> dict[str, Any]:
     """The output of `msnn verify --format json`; SpecError for any other file."""
-    from msnn.errors.results import reports as errors
-    from spec_schema.reading.endless_files import refuse_endless
+    from msnn.errors import validation as errors
+    from spec_schema.reading.reader import refuse_endless
 
     try:
         refuse_endless(file)

@@ -9,7 +9,7 @@ from html import escape
 from importlib import import_module
 from typing import Any, TypeAlias
 
-from msnn.terminals import is_live
+from msnn.tables import is_live
 from msnn.training.records.progress import (
     EpochEnd,
     Lines,

@@ -1,19 +1,30 @@
-"""Trains models: once, per fold, or in a user-written loop."""
+"""Trains models once, per fold, or in a user-written loop, and shows the results."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from msnn.api.results import Shown
 from msnn.data.dataset import Dataset
 from msnn.model.model import Model
 from msnn.model.model_data import given_in, measured, sources_of
-from msnn.model.weights.given_weights import Weights
+from msnn.model.weights.weights_file import Weights
 from msnn.packages import TORCH
+from msnn.reports.learned_functions import learned_functions
+from msnn.reports.run_plots import functions_of_run, plot_run
+from msnn.reports.run_summary import read_run
+from msnn.reports.training_summary import Recorded, parameters_cells, stages_cells
+from msnn.tables import Table, count
+from msnn.training.folds import FoldsResult, folds_cells, folds_record
+from msnn.training.records.learned.parameters_record import parameters_record
+from msnn.training.training_result import TrainingResult
 
 if TYPE_CHECKING:
-    from msnn.api.results.trainings import ShownFolds, ShownTraining
     from msnn.api.shown_progress import Hearer
     from msnn.data.reading.frames import Frames
     from msnn.training.ranks.training_ranks import TrainingRanks
@@ -53,13 +64,18 @@ def train(
     `msnn.training.ranks` in each process started by torchrun. Raises SpecError,
     TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
     """
-    from msnn.api.results.trainings import shown_training
     from msnn.api.shown_progress import heard_by
     from msnn.reports.training_summary import Recorded
     from msnn.training import train as engine
-    from msnn.training.engines.what_trains import require_what_trains
-    from msnn.training.run_line import begun, diverged, ended, log
-    from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
+    from msnn.training.engines.devices import require_what_trains
+    from msnn.training.training_result import (
+        TrainingDivergedError,
+        TrainingInterruptedError,
+        begun,
+        diverged,
+        ended,
+        log,
+    )
 
     require_what_trains(model.spec.train)
     # all ranks have the same weights: the files of one are enough
@@ -110,12 +126,11 @@ def train_folds(
     Arguments and errors are as in `train`; frames form one set, which is divided into folds. Raises
     SpecError also if the data have no folds.
     """
-    from msnn.api.results.trainings import ShownFolds
     from msnn.api.shown_progress import heard_by
     from msnn.data.reading.frames import refuse_sets
     from msnn.reports.training_summary import Recorded
     from msnn.training import folds
-    from msnn.training.engines.what_trains import require_what_trains
+    from msnn.training.engines.devices import require_what_trains
 
     # frames for each set leave nothing for folds to divide
     refuse_sets(data)
@@ -181,3 +196,87 @@ def _options(
 
     kept = None if runs is None else Path(runs)
     return options_for(model, runs=kept, tensorboard=tensorboard, device=find_device(device))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ShownTraining(Shown, TrainingResult):
+    """A training with its tables; `to_frame` has one row per element of every parameter."""
+
+    model: Model
+    recorded: Recorded
+
+    def _said(self) -> str:
+        stages = count(len(self.stages), "stage")
+        best = f", best {self.stages[-1].best_value:.6g}" if self.stages else ""
+        kept = "kept nowhere" if self.folder is None else f"kept in {self.folder}"
+        return f"TrainingResult: {stages}{best}, {kept}"
+
+    def _record(self) -> dict[str, Any]:
+        return parameters_record(self.model.program, self.weights, self.standard_errors)
+
+    def _tables(self) -> Sequence[Table]:
+        return [stages_cells(self.recorded.stages), parameters_cells(self._record())]
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        found = [
+            (
+                each["name"],
+                ",".join(map(str, np.unravel_index(k, each["shape"]))) if each["shape"] else "",
+                each["unit"] or "",
+                each["initial"][k],
+                value,
+                None if each["standard_errors"] is None else each["standard_errors"][k],
+                each["learn"],
+            )
+            for each in self._record()["parameters"]
+            for k, value in enumerate(each["values"])
+        ]
+        names = ("parameter", "index", "unit", "initial", "learned", "std_error", "learn")
+        return {name: [row[i] for row in found] for i, name in enumerate(names)}
+
+    def _draw(self, path: Path) -> Path:
+        return _drawn(path, self.model, self, self.recorded)
+
+
+def shown_training(found: TrainingResult, model: Model, recorded: Recorded) -> ShownTraining:
+    """The result of a training as an object with tables and plots."""
+    known = {field.name: getattr(found, field.name) for field in fields(TrainingResult)}
+    return ShownTraining(**known, model=model, recorded=recorded)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class ShownFolds(Shown, FoldsResult):
+    """Trainings of folds with their table; the plot shows the best fold."""
+
+    model: Model
+    recorded: Recorded
+
+    def _said(self) -> str:
+        reached = f"best {self.best.monitor:.6g} (fold {self.best.number})"
+        return f"FoldsResult: {count(self.count, 'fold')}, {reached}"
+
+    def _tables(self) -> Sequence[Table]:
+        return [folds_cells(self)]
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        rows: list[dict[str, Any]] = [
+            {"fold": fold["fold"], "monitor": fold["monitor"], **metric}
+            for fold in folds_record(self)["folds"]
+            for metric in fold["metrics"] or [dict[str, Any]()]
+        ]
+        names = dict.fromkeys(name for row in rows for name in row)
+        return {name: [row.get(name) for row in rows] for name in names}
+
+    def _draw(self, path: Path) -> Path:
+        return _drawn(path, self.model, self.best.training, self.recorded)
+
+
+def _drawn(path: Path, model: Model, found: TrainingResult, recorded: Recorded) -> Path:
+    """Plots the run in the folder, including epochs before it was resumed; else recorded events.
+
+    Without a folder it shows filter taps only, because the data are no longer available.
+    """
+    if found.folder is None:
+        return plot_run(path, recorded.epochs, learned_functions(model, found.weights, None))
+    run = read_run(found.folder)
+    return plot_run(path, [stage.epochs for stage in run.stages], functions_of_run(run))

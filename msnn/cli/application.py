@@ -14,10 +14,11 @@ import typer
 
 from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
-from msnn.cli.manners import NOW, forget_manners, terminal_width, with_manners
-from msnn.cli.verb_command import VerbCommand, VerbGroup
+from msnn.cli.output_options import NOW, forget_manners, terminal_width, with_manners
+from msnn.cli.verb_group import VerbCommand, VerbGroup, plugin_with_verb
 from msnn.errors.failures import ReaderGoneError
 from msnn.tables import LINE_WIDTH
+from spec_schema.plugins import Plugin
 
 VERBS = (
     "init",
@@ -58,7 +59,8 @@ def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
         cls=VerbGroup,
         help="Model-structured neural networks: check, train, validate and export a spec.",
         epilog="Exit codes: 0 fine, 1 spec or data wrong, 2 command line wrong, 3 limit broken, "
-        "4 training diverged, 5 something optional missing, 70 a bug in msnn, 130 interrupted.",
+        "4 training diverged, 5 something optional missing, 70 a bug in msnn or a plug-in, "
+        "130 interrupted.",
         # plain text: markup would eat `[t+1]`, and rich would cost start-up time
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
@@ -119,7 +121,7 @@ def _ended_writing(path: Path, results: Sequence[str]) -> int:
     try:
         write_text(path, "".join(f"{text}\n" for text in results))
     except OSError as error:
-        from msnn.cli.answer import answer
+        from msnn.cli.console import answer
 
         return answer(error)
     return ExitCode.OK
@@ -127,10 +129,7 @@ def _ended_writing(path: Path, results: Sequence[str]) -> int:
 
 def _ended(arguments: Sequence[str]) -> int:
     try:
-        # only the verb that was asked for; with none that is known all, for `--help` and for "did
-        # you mean"
-        verbs = arguments[:1] if arguments[:1] and arguments[0] in VERBS else VERBS
-        application(verbs)(list(arguments), prog_name="msnn")
+        application(_needed(arguments))(list(arguments), prog_name="msnn")
     # typer ends every command so, with its code; an interrupt inside of a callback comes as one too
     except SystemExit as end:
         if is_interrupt(end):
@@ -146,13 +145,30 @@ def _ended(arguments: Sequence[str]) -> int:
         # a library that was interrupted may raise an error of its own, which then is no bug
         if is_interrupt(error):
             return _tell_of_interrupt()
-        from msnn.cli.answer import answer
+        from msnn.cli.console import answer
 
         code = answer(error)
+        if NOW.is_verbose:
+            _show_fault_of_plugin(error)
         if code is ExitCode.BUG:
-            _tell_of_bug(error)
+            _tell_of_bug(error, arguments)
         return code
     return ExitCode.OK
+
+
+def _needed(arguments: Sequence[str]) -> Sequence[str]:
+    """Only the verb that was asked for; if it is unknown all, for `--help` and "did you mean"."""
+    first = "".join(arguments[:1])
+    if first in VERBS:
+        return (first,)
+    return () if _plugin_of(arguments) else VERBS
+
+
+def _plugin_of(arguments: Sequence[str]) -> Plugin | None:
+    """The plug-in that brings the verb of a command line; None for our own verbs."""
+    first = "".join(arguments[:1])
+    is_ours = not first or first.startswith("-") or first in VERBS
+    return None if is_ours else plugin_with_verb(first)
 
 
 def _tell_kept_messages() -> None:
@@ -176,14 +192,33 @@ def _tell_of_interrupt() -> ExitCode:
     return ExitCode.INTERRUPTED
 
 
-def _tell_of_bug(error: Exception) -> None:
-    if NOW.is_verbose:
-        traceback.print_exception(error)
-        return
-    from spec_schema.diagnostics.printable import printable
+def _show_fault_of_plugin(error: BaseException) -> None:
+    """Prints the traceback of an exception of a plug-in."""
+    from spec_schema.diagnostics.diagnostic import SpecError
 
-    print(
-        f"msnn met a mistake of its own ({type(error).__name__}: {printable(str(error))}); "
-        "`--verbose` shows where, please report it",
-        file=sys.stderr,
-    )
+    cause: BaseException | None = error
+    while isinstance(cause, SpecError):
+        if not any(fault.code == "E0230" for fault in cause.diagnostics):
+            return
+        cause = cause.__cause__ or cause.__context__
+    if cause is not None and cause is not error:
+        traceback.print_exception(cause)
+
+
+def _tell_of_bug(error: Exception, arguments: Sequence[str]) -> None:
+    # a plug-in's verb may fail before its options are read
+    if NOW.is_verbose or not {"-v", "--verbose"}.isdisjoint(arguments):
+        traceback.print_exception(error)
+    from spec_schema.diagnostics.source import printable
+
+    said = f"({type(error).__name__}: {printable(str(error))}); `--verbose` shows where"
+    plugin = _plugin_of(arguments)
+    if plugin is None:
+        print(f"msnn met a mistake of its own {said}, please report it", file=sys.stderr)
+    else:
+        package = f"{plugin.package} {plugin.version}".strip()
+        print(
+            f"the verb `{arguments[0]}` of the plug-in {package} failed {said}, please report it "
+            f"to the authors of {plugin.package}",
+            file=sys.stderr,
+        )

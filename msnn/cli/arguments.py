@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
 
-from msnn.cli.manners import NOW
+from msnn.cli.output_options import NOW
 
 SpecFile: TypeAlias = Annotated[
     Path,
@@ -78,6 +79,11 @@ NewSettings: TypeAlias = Annotated[
         callback=_wants_value,
     ),
 ]
+
+
+def words_of(texts: Sequence[str] | None) -> list[str]:
+    """The words of an option that takes several: with commas, by repeating it, or both."""
+    return [word.strip() for text in texts or () for word in text.split(",") if word.strip()]
 
 
 def refuse_two_origins(weights: Path | None, initial: bool) -> None:

@@ -15,8 +15,12 @@ from msnn.cli.console import json_result, note, progress_stream, result
 from msnn.cli.exit_codes import ExitCode
 from msnn.cli.ranks import speak_once
 from msnn.features.comparison.compare import Comparison
-from msnn.features.comparison.progress_lines import TrialLines
-from msnn.features.comparison.table import comparison_notes, comparison_record, comparison_table
+from msnn.features.comparison.report import (
+    TrialLines,
+    comparison_notes,
+    comparison_record,
+    comparison_table,
+)
 from msnn.training.training_result import TrainingInterruptedError
 
 
@@ -55,7 +59,7 @@ def show_comparison(
     for line in comparison_notes(found):
         note(line)
     if plot is not None:
-        from msnn.features.comparison.plot import plot_comparison
+        from msnn.features.comparison.report import plot_comparison
 
         note(f"drawn: {plot_comparison(plot, found)}")
     # a refused spec comes before divergence: it is to be mended, where another seed may do for the

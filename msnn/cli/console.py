@@ -1,4 +1,4 @@
-"""Prints the output of a command: results to stdout, the rest to stderr, with optional colours."""
+"""Prints the output of a command: results to stdout, messages and progress to stderr."""
 
 from __future__ import annotations
 
@@ -7,21 +7,26 @@ import json
 import math
 import os
 import sys
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
-from msnn.cli.manners import NOW
-from msnn.errors.failures import ReaderGoneError
-from msnn.terminals import is_live
-from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.diagnostics.printable import printable, printable_json
+from msnn.cli.exit_codes import ExitCode
+from msnn.cli.output_options import NOW
+from msnn.errors.commands import refused_by_system
+from msnn.errors.failures import MissingExtraError, ReaderGoneError
+from msnn.tables import is_live
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.render import render
-from spec_schema.diagnostics.source import SourceText
+from spec_schema.diagnostics.source import SourceText, printable, printable_json
 
-# `msnn.model` loads the compiler, which `fmt`, `explain` and `schema` do without
 if TYPE_CHECKING:
     from msnn.model.model import Model
+
+
+# `msnn.model` loads the compiler, which `fmt`, `explain` and `schema` do without
 
 JSON_VERSION = 1
 """Version of `--format json`; incremented for incompatible changes."""
@@ -165,3 +170,86 @@ def plain(value: Any) -> Any:
     if isinstance(value, list):
         return [plain(item) for item in cast("list[Any]", value)]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+_FIRST = 1.0
+"""Seconds before the first message; most simulations are shorter."""
+
+_AGAIN = 0.1, 5.0
+"""Seconds between two messages, on a terminal and elsewhere."""
+
+
+class StepProgress:
+    """Progress lines; on a terminal one line that is rewritten, and cleared at the end."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._live = stream, is_live(stream)
+        self._began: tuple[float, int] | None = None
+        """Time of the first call and its number of steps."""
+        self._next = 0.0
+        self._said = False
+
+    def told(self, done: int, total: int) -> None:
+        """Receives the number of completed steps and the total."""
+        now = time.monotonic()
+        if self._began is None:
+            self._began, self._next = (now, done), now + _FIRST
+        # at the end the result says it; a line "0 s left" above it would only stay there
+        began, before = self._began
+        # another simulation begins with fewer steps: of no step since there is no time to tell
+        if now < self._next or done >= total or done <= before:
+            return
+        self._next = now + _AGAIN[0 if self._live else 1]
+        # linear in the steps since the first call: what was done before, loading and compiling,
+        # counts not
+        left = (now - began) / (done - before) * (total - done)
+        text = f"  {done:,} of {total:,} steps, {left:.0f} s left"
+        # ECMA-48 EL 2 clears the whole line: a shorter text would leave the end of the longer one
+        self._stream.write(f"\r\x1b[2K{text}" if self._live else f"{text}\n")
+        self._stream.flush()
+        self._said = True
+
+    def __enter__(self) -> StepProgress:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._said and self._live:
+            self._stream.write("\r\x1b[2K")
+            self._stream.flush()
+
+
+def append_summary(file: Path, text: str) -> None:
+    """Appends Markdown to the file, separated from the output of other steps."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    # appended, not replaced: GitHub gives every step of a job the same file
+    with file.open("a", encoding="utf-8") as page:
+        page.write(f"{text}\n")
+
+
+def answer(error: Exception) -> ExitCode:
+    """Prints the error to stderr; returns BUG without a message for unexpected exceptions."""
+    match error:
+        case SpecError():
+            report(error.diagnostics, error.sources)
+            return ExitCode.DIAGNOSTICS
+        case MissingExtraError():
+            report([error.diagnostic], ())
+            return ExitCode.MISSING_EXTRA
+        case OSError():
+            # no path where the failing call knew none: a socket, a pipe, or a library that keeps
+            # only strerror
+            path = "" if error.filename is None else str(error.filename)
+            report([refused_by_system(path, (error.strerror or str(error)).lower())], ())
+            return ExitCode.DIAGNOSTICS
+        # told as the user's to cure, not as a bug: what does not fit is decided by the spec and the
+        # data
+        case MemoryError():
+            note("out of memory: a smaller `batch` or fewer rows at once may fit")
+            return ExitCode.DIAGNOSTICS
+        case _:
+            return ExitCode.BUG

@@ -18,8 +18,7 @@ from msnn.cli.interrupts import (
     is_interrupt,
     was_interrupted,
 )
-from msnn.project.away_from_folder import load_away_from_folder
-from msnn.project.late_metadata import load_metadata_when_asked
+from msnn.project.imports import load_away_from_folder, load_metadata_when_asked
 
 _LOOKING = frozenset({"check", "compile", "diff", "show"})
 """Commands that use numpy for little more than the constants of a spec."""

@@ -8,7 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from msnn.cli.manners import NOW
+from msnn.cli.output_options import NOW
 from msnn.packages import TORCH
 from msnn.training.ranks.torchrun import is_one_of_several
 from spec_schema.diagnostics.diagnostic import SpecError

@@ -58,9 +58,10 @@ def not_trained(path: str, name: str, begun: str | None = None) -> Diagnostic:
     return error("E1036", None, f"`{name}` has no trained weights: there is no {path}", help=repair)
 
 
-def missing_extra(what: str, install: str) -> Diagnostic:
-    """E1037: an optional part that is not installed."""
-    return error("E1037", None, f"{what} is not installed", help=install)
+def missing_extra(what: str, install: str, reason: str = "") -> Diagnostic:
+    """E1037: an optional part that is not installed or, for a reason, does not work."""
+    state = f"does not work: {reason}" if reason else "is not installed"
+    return error("E1037", None, f"{what} {state}", help=install)
 
 
 def compiler_failed(compiler: str, said: Sequence[str], remedy: str) -> Diagnostic:

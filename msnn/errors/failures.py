@@ -15,10 +15,10 @@ class ReaderGoneError(Exception):
 class MissingExtraError(Exception):
     """Something optional that a command needs is not installed."""
 
-    def __init__(self, what: str, install: str) -> None:
-        self.diagnostic: Diagnostic = missing_extra(what, install)
+    def __init__(self, what: str, install: str, reason: str = "") -> None:
+        self.diagnostic: Diagnostic = missing_extra(what, install, reason)
         super().__init__(self.diagnostic.message)
-        self._made_of: tuple[object, ...] = (what, install)
+        self._made_of: tuple[object, ...] = (what, install, reason)
 
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[object, ...]]:
         """Crosses to another process as its arguments: a pool waits for ever on what cannot."""
@@ -32,10 +32,11 @@ class MissingExtraError(Exception):
 class MissingPluginError(MissingExtraError):
     """A file was made of a spec that uses a plug-in which is not installed."""
 
-    def __init__(self, package: str, version: str, file: str) -> None:
-        what = f"the plug-in {package} {version}".strip()
-        super().__init__(f"{what}, which {file} needs,", f"pip install {package}")
-        self._made_of = (package, version, file)
+    def __init__(self, package: str, version: str, file: str, reason: str = "") -> None:
+        what = f"the plug-in {package} {version}".strip() + f", which {file} needs,"
+        fits = f"install a version of {package} that fits this msnn"
+        super().__init__(what, fits if reason else f"pip install {package}", reason)
+        self._made_of = (package, version, file, reason)
 
 
 class UnfitCompilerError(MissingExtraError):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from msnn.agreement.agreement import Agreement
 from msnn.agreement.compare import compare
-from msnn.agreement.judging.record import AgreementRecord, agreement_record
+from msnn.agreement.judgement import AgreementRecord, agreement_record
 from msnn.agreement.report import AgreementReport, Failure
 from msnn.agreement.subject import Subject
 from msnn.errors.failures import NotRunHereError

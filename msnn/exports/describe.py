@@ -1,4 +1,4 @@
-"""Describes the ports of each export, for the user who connects them."""
+"""Describes each export for its user: ports, and omitted slices of learned arrays."""
 
 from __future__ import annotations
 
@@ -73,3 +73,11 @@ def _predicted(program: Program, name: str) -> str:
         ahead = prediction.ahead - program.late
         facts.append(f"predicts {prediction.signal}[t{f'{ahead:+d}' if ahead else ''}]")
     return ", ".join(facts)
+
+
+def left_out(plan: AnyPlan) -> str:
+    """One line; empty if nothing is omitted."""
+    if not plan.cuts:
+        return ""
+    kept = ", ".join(f"{len(cut.kept)} of {cut.size} in {cut.parameter}" for cut in plan.cuts)
+    return f"without slices that are 0: kept are {kept}"

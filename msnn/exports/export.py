@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from compiler.ir.program import UsedPlugin, with_plugins
-from msnn.agreement.loaded import Loaded
+from msnn.agreement.judgement import Loaded
 from msnn.errors import commands
+from msnn.errors.commands import foreign_file
 from msnn.errors.failures import NotRunHereError
 from msnn.exports.table import NAMES, ListedTarget, listed, names_for
 from msnn.exports.target import AnyPlan, AnyTarget, Request, Weights, Written
@@ -114,33 +115,42 @@ def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
     the dtype.
     """
     from backends.files.atomic_write import replacing_files  # `check` plans exports without it
-    from msnn.exports.foreign_files import spare_foreign_files
 
     own = plan.of(weights)
     if plan.dtype == "float32":
         _refuse_infinite(plan, own)
     with replacing_files(folder) as temporary:
         files = plan.target.write(plan, own, temporary)
-        files = (*files, *_manifest_with_plugins(plan, files, temporary))
+        files = tuple(dict.fromkeys((*files, *_manifest_with_plugins(plan, files, temporary))))
         spare_foreign_files(folder / path.relative_to(temporary) for path in files)
     # files were written elsewhere and have moved: told by where they are now
     return Written(folder, tuple(folder / path.relative_to(temporary) for path in files))
 
 
 def _manifest_with_plugins(plan: AnyPlan, files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
-    """The manifest of a target of a plug-in, which names the plug-in; none for our own targets."""
-    plugins = plugins_with([("target", plan.target.name)])
-    if not plugins:
+    """The manifest with a comment that names the plug-ins of the spec and of the target.
+
+    A target of a plug-in gets a manifest by this; one of ours has it if it writes one.
+    """
+    of_target = plugins_with([("target", plan.target.name)])
+    used = {UsedPlugin(plugin.package, plugin.version) for plugin in of_target}
+    used |= {*plan.program.plugins}
+    if not used:
         return ()
     from backends.files.atomic_write import write_text
     from backends.files.export_identity import MANIFEST, manifest_text
 
-    used = {UsedPlugin(plugin.package, plugin.version) for plugin in plugins}
-    used |= {*plan.program.plugins}
+    manifest = folder / MANIFEST
+    if of_target:
+        listed = [path for path in files if path != manifest]
+        contents = {path.relative_to(folder).as_posix(): path.read_bytes() for path in listed}
+        text = manifest_text(contents)
+    elif manifest in files:
+        text = manifest.read_text(encoding="utf-8")
+    else:
+        return ()
     named = with_plugins(sorted(used, key=lambda plugin: plugin.package))
-    contents = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
-    text = f"# made by msnn {__version__}{named}\n{manifest_text(contents)}"
-    return (write_text(folder / MANIFEST, text),)
+    return (write_text(manifest, f"# made by msnn {__version__}{named}\n{text}"),)
 
 
 def _refuse_infinite(plan: AnyPlan, weights: Weights) -> None:
@@ -167,3 +177,24 @@ def load_export(plan: AnyPlan, written: Written) -> AbstractContextManager[Loade
     if plan.target.load is None:
         raise NotRunHereError(name, "nothing here runs what it writes")
     return plan.target.load(plan, written)
+
+
+_READ = 1 << 20
+"""Number of bytes of a file that are searched for the sign."""
+_SIGN = b"msnn"
+"""A text in comments and descriptions of msnn; at least one file of each export contains it."""
+
+
+def spare_foreign_files(places: Iterable[Path], sign: bytes = _SIGN) -> None:
+    """Raises SpecError (E1054) if these files exist and none of them contains the sign.
+
+    An existing export is replaced as a whole, including manual changes.
+    """
+    there = [path for path in places if path.is_file()]
+    if there and not any(sign in _beginning(path) for path in there):
+        raise SpecError([foreign_file(str(there[0]))])
+
+
+def _beginning(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(_READ)

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from backends.c_lowering.options import COptions
 from backends.ports.identifiers import c_identifier
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError, close_loop
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.errors import workflow
 from msnn.exports.target import ExportPlan, Options, OwnEntry, Request, Target
@@ -18,7 +18,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import between
 from spec_schema.errors.states import not_closable
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 
 MOST_ENTRIES = 250_000
@@ -74,7 +74,7 @@ def step_program(
     penalised = {loss.penalty.parameter for loss in program.losses if loss.penalty is not None}
     program = prune_outputs(program, _outputs(request, entry))
     if request.weights is not None and penalised and not keeps_arrays:
-        from compiler.passes.pruning.prune_zero_slices import (
+        from compiler.passes.prune_zero_slices import (
             prune_zero_slices,  # `check` has no weights
         )
 

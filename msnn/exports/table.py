@@ -7,7 +7,7 @@ from typing import Any
 
 from msnn.packages import CASADI, FMPY, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
 from spec_schema import registry
-from spec_schema.fields.late_entry import LateObject
+from spec_schema.fields.entry import LateObject
 from spec_schema.late_dataclass import dataclass
 from spec_schema.plugins import look_up
 
@@ -32,8 +32,15 @@ class ListedTarget:
     place: LateObject | None = None
     """Location of its record if a feature provides it; else `msnn/exports/targets/<name>.py`."""
 
+    plugin: registry.TargetLine | None = None
+    """The line of a plug-in that brings it."""
+
     def load(self) -> Any:
         """The record of the target, imported with its backend."""
+        if self.plugin is not None:
+            from msnn.exports.plugin_target import plugin_target
+
+            return plugin_target(self.plugin)
         own = LateObject(f"msnn.exports.targets.{self.name}", "TARGET")
         return (self.place or own).value
 
@@ -72,6 +79,7 @@ def _of_feature(line: registry.TargetLine) -> ListedTarget:
         sections=line.sections,
         extras=line.extras,
         place=line.target,
+        plugin=line if line in registry.TARGETS.of_plugins else None,
     )
 
 

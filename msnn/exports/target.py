@@ -11,9 +11,14 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from compiler.ir.program import Program
 from compiler.passes.analyses.kept_slices import Cut, cut_weights
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.judging.judgement import FloatType, Judgement, NumberType, Promise
-from msnn.agreement.judging.record import AgreementRecord
-from msnn.agreement.loaded import Loaded
+from msnn.agreement.judgement import (
+    AgreementRecord,
+    FloatType,
+    Judgement,
+    Loaded,
+    NumberType,
+    Promise,
+)
 from msnn.data.dataset import FloatArray
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
@@ -52,7 +57,7 @@ def interpreted(
     plan: AnyPlan, weights: Weights, record: AgreementRecord, dtype: NumberType
 ) -> Judgement:
     """The values of the interpreter, the reference of floating-point targets."""
-    from msnn.agreement.judging.judge import judge
+    from msnn.agreement.judge import judge
 
     return judge(plan.program, weights, record, dtype, restarts=plan.target.is_deployed)
 

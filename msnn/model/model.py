@@ -1,9 +1,10 @@
-"""Joins a program to the spec that says what to do with it."""
+"""Joins a program to the spec that says what to do with it, and counts its trained parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,12 +13,13 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.linking.link import WeightsByPart
 from msnn.data.dataset import FloatArray
-from msnn.model.spec_hash import SubmodelFile
+from msnn.model.model_files import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.spec import Spec
+from spec_schema.sections.training import Stage
 
 P = TypeVar("P", bound=SectionProblem)
 
@@ -72,3 +74,26 @@ class Model:
     @property
     def folder(self) -> Path:
         return self.path.parent
+
+
+def is_frozen(name: str, stage: Stage) -> bool:
+    """True if a stage keeps the parameter at the value with which the stage begins."""
+    return any(fnmatchcase(name, pattern.value) for pattern in stage.freeze)
+
+
+def learned_numbers(program: Program, stages: Sequence[Stage]) -> int:
+    """The number of elements that training changes; a parameter frozen in all stages is a constant.
+
+    Without stages, every parameter with `learn` counts, because another tool may train it.
+    """
+    return sum(
+        Type(parameter.axes).size
+        for parameter in program.parameters
+        if parameter.learn and (not stages or any(_moves(parameter.name, s) for s in stages))
+    )
+
+
+def _moves(name: str, stage: Stage) -> bool:
+    # the last matching factor counts; a parameter with learning rate 0 stays as it is
+    factors = [each.value for pattern, each in stage.lr.items() if fnmatchcase(name, pattern)]
+    return not is_frozen(name, stage) and (not factors or factors[-1] != 0.0)

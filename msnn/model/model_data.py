@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
-from msnn.errors.disk_data import not_on_disk
+from msnn.errors.data.files import not_on_disk
 from msnn.model.model import Model
-from msnn.model.weights.given_weights import Weights, weights_path
+from msnn.model.weights.weights_file import Weights, weights_path
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
-from spec_schema.sections.data.data import Data, Source
+from spec_schema.sections.data import Data, Source
 
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
@@ -103,7 +103,7 @@ def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
     absent.
     """
     from msnn.model.trained_model import refuse_other_model
-    from msnn.model.weights.given_weights import known_weights
+    from msnn.model.weights.weights_file import known_weights
 
     with sources_of(model):
         # arrays in memory do not say what they were trained for

@@ -9,12 +9,11 @@ from pathlib import Path
 from compiler.elaboration.compile import compile_spec
 from msnn.data.dataset import FloatArray
 from msnn.errors.commands import not_trained
-from msnn.errors.learning.run_ends import unfinished_run
+from msnn.errors.learning.runs import unfinished_run
 from msnn.model.model import Model
 from msnn.model.saved_run import FOLD, LATEST, WEIGHTS, age, followed, has_checkpoint, newest
 from msnn.model.trained_model import refuse_other_model
-from msnn.model.weights.given_weights import known_weights
-from msnn.model.weights.weights_file import initial_weights, read_weights
+from msnn.model.weights.weights_file import initial_weights, known_weights, read_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 

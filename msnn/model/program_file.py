@@ -18,15 +18,14 @@ from compiler.program_file.file import (
     program_to_data,
 )
 from msnn.errors.commands import foreign_spec, no_program_name
+from msnn.errors.failures import MissingPluginError
 from msnn.model.model import PROGRAM_SUFFIX, Model
-from msnn.model.needed_plugins import require_plugins
-from msnn.model.number_files import number_parts, number_texts
-from msnn.model.spec_hash import hash_of, parts_of
+from msnn.model.model_files import hash_of, number_parts, number_texts, parts_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.errors.files import unreadable_file
 from spec_schema.errors.settings import compiled_already
-from spec_schema.reading.endless_files import refuse_endless
-from spec_schema.reading.reader import read_spec
+from spec_schema.plugins import look_up
+from spec_schema.reading.reader import read_spec, refuse_endless
 from spec_schema.reading.settings import model_settings, settings_source
 
 
@@ -163,3 +162,48 @@ def _texts(data: Any) -> dict[str, str]:
     """The string values of a JSON object from an untrusted file; other values are dropped."""
     items = cast("dict[str, Any]", data).items() if isinstance(data, dict) else ()
     return {name: text for name, text in items if isinstance(text, str) and "\0" not in name}
+
+
+def require_plugins(versions: Mapping[str, str], file: str) -> None:
+    """Raises MissingPluginError for the first package, by name, that is not installed or fails.
+
+    `versions` are those that the file was made with. Others are accepted: the file says itself
+    whether its format is known.
+    """
+    if not versions:
+        return
+    plugins = look_up()
+    installed = {plugin.package for plugin in plugins.found}
+    for package, version in sorted(versions.items()):
+        if package not in installed:
+            raise MissingPluginError(package, version, file, plugins.failed.get(package, ""))
+
+
+def recorded_plugins(record: Mapping[str, Any]) -> dict[str, str]:
+    """The packages of plug-ins in `run.json`, as untrusted input, with their versions."""
+    plugins = record.get("plugins")
+    items = cast("dict[str, Any]", plugins).items() if isinstance(plugins, dict) else ()
+    return {package: str(version) for package, version in items}
+
+
+def plugins_text(versions: Mapping[str, str]) -> str:
+    """Package and version of each plug-in, and what is installed of it if that is another."""
+    if not versions:
+        return ""
+    plugins = look_up()
+    installed = {plugin.package: plugin.version for plugin in plugins.found}
+    return ", ".join(
+        f"{package} {version}{_difference(package, version, installed, plugins.failed)}"
+        for package, version in versions.items()
+    )
+
+
+def _difference(
+    package: str, version: str, installed: Mapping[str, str], failed: Mapping[str, str]
+) -> str:
+    if package in failed:
+        return f" (it fails: {failed[package]})"
+    if package not in installed:
+        return f" (not installed: pip install {package})"
+    now = installed[package]
+    return "" if now == version else f" ({now} is installed)"

@@ -9,12 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
-from msnn.errors.learning.run_ends import nothing_kept
-from msnn.errors.learning.runs import no_run
-from msnn.model.spec_hash import kept_name
+from msnn.errors.learning.runs import no_run, nothing_kept
+from msnn.model.model_files import kept_name
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.late_dataclass import dataclass
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 
 LATEST = "latest"
 WEIGHTS = "weights.safetensors"
@@ -95,12 +94,10 @@ def is_kept(file: Path) -> bool:
 def kept_spec(run: Path) -> KeptSpec:
     """The model saved in a run, read as untrusted input. Raises SpecError if it is incomplete."""
     record = read_json(run / DESCRIPTION)
-    plugins = record.get("plugins")
-    if isinstance(plugins, dict):
-        from msnn.model.needed_plugins import require_plugins
+    if "plugins" in record:
+        from msnn.model.program_file import recorded_plugins, require_plugins
 
-        versions = cast("dict[str, Any]", plugins).items()
-        require_plugins({name: str(version) for name, version in versions}, str(run / DESCRIPTION))
+        require_plugins(recorded_plugins(record), str(run / DESCRIPTION))
     try:
         text = _text(run / SPEC)
         parts = cast("dict[str, dict[str, str]]", record.get("parts", {}))
@@ -135,9 +132,10 @@ def kept_spec(run: Path) -> KeptSpec:
 
 
 def spec_places(spec: str, run: Path) -> list[str]:
-    """The path of the spec relative to the run and as absolute path.
+    """The path of the spec relative to the run, and its absolute path.
 
-    The relative path stays valid when the whole project is moved.
+    The relative path stays valid when the whole project is moved. It is omitted if the spec is on
+    another drive than the run.
     """
     absolute = str(Path(spec).absolute())
     try:

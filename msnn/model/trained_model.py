@@ -1,22 +1,24 @@
-"""Compares a model with the one that weights were trained for, if its run saved the spec."""
+"""Compares a model, its parts and held-out fold with those that its weights were trained for."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 from msnn.errors.learning.weights import weights_of_another_model
+from msnn.errors.validation import of_another_fold
 from msnn.model.model import Model
-from msnn.model.saved_run import DESCRIPTION, PARTS, SPEC, read_json
-from msnn.model.spec_hash import SubmodelFile
-from msnn.model.trained_parts import part_difference, refuse_other_parts
-from spec_schema.diagnostics.diagnostic import SpecError
+from msnn.model.model_files import SubmodelFile
+from msnn.model.saved_run import DESCRIPTION, FOLD_SETTING, PARTS, SPEC, read_json
+from msnn.model.weights.weights_file import Weights, weights_path
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.editors.spec_data import spec_data
-from spec_schema.reading.endless_files import refuse_endless
-from spec_schema.reading.one_file import ReadResult, read_one_spec
+from spec_schema.reading.reader import ReadResult, read_one_spec, refuse_endless
 from spec_schema.reading.settings import model_settings, workflow
+from spec_schema.registry import PartLine
+from spec_schema.sections.submodels import part_kind
 
 
 def refuse_other_model(model: Model, weights: Path) -> None:
@@ -125,3 +127,61 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
     else:
         # an empty mapping is a value too: `h: {}` is not the same as no `h`
         yield prefix, json.dumps(value, ensure_ascii=False).strip('"')
+
+
+def refuse_other_parts(parts: Sequence[SubmodelFile], weights: Path) -> None:
+    """Raises SpecError where the file of a part describes another one than a run has kept.
+
+    A run that has kept none, as a program file's has, says nothing.
+    """
+    for part in parts:
+        kept = weights.parent / PARTS / part.kept_as
+        if part.line is not None and kept.is_file():
+            difference = part_difference(part.line, kept, part.text)
+            if difference is not None:
+                differing = [f"of the {part.line.title} `{part.name}` {difference}"]
+                file = f"the {part.line.file_title} `{PARTS}/{part.kept_as}`"
+                raise SpecError([weights_of_another_model(str(weights), differing, kept=file)])
+
+
+def part_difference(line: PartLine, kept: Path, text: str) -> str | None:
+    """The difference of a part from the file of a run; None where both are one part."""
+    try:
+        refuse_endless(kept)
+        before = kept.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return "nothing that could be read was kept"
+    # almost always, and cheaper than reading both
+    return None if before == text else part_kind(line).difference(before, text)
+
+
+HELD_OUT = "val"
+"""The set that consists of the held-out fold."""
+
+
+def fold_of_another_run(
+    model: Model, weights: Weights | None, measured: Collection[str]
+) -> tuple[Diagnostic, ...]:
+    """A warning if the evaluated fold was part of the training data of these weights.
+
+    The fold is known only for weights in the folder of a run.
+    """
+    split = None if model.spec.data is None else model.spec.data.split
+    if split is None or split.by != "kfold" or HELD_OUT not in measured:
+        return ()
+    if not isinstance(weights, str | Path):
+        return ()
+    run = weights_path(weights).parent
+    trained = _fold_of(run)
+    if trained is None or trained == split.fold:
+        return ()
+    return (of_another_fold(str(run), trained, split.fold),)
+
+
+def _fold_of(run: Path) -> int | None:
+    settings = read_json(run / DESCRIPTION).get("settings")
+    # a file that somebody else may have written
+    texts = cast("list[object]", settings) if isinstance(settings, list) else []
+    numbers = [str(text).removeprefix(FOLD_SETTING) for text in texts]
+    given = [number for number, text in zip(numbers, texts, strict=True) if number != text]
+    return int(given[-1]) if given and given[-1].isdecimal() else None

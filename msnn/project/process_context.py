@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 
-from msnn.project.away_from_folder import away_from_folder
+from msnn.project.imports import away_from_folder
 
 _SAFE_PATH = "PYTHONSAFEPATH"
 

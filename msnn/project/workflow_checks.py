@@ -6,15 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from msnn.data.formats.table_of_formats import format_of
+from msnn.data.formats.table_of_formats import format_of, warnings_of_plugins
 from msnn.data.reading.file_sets import file_sections
 from msnn.errors import workflow as errors
-from msnn.errors.data import formats as data_formats
+from msnn.errors.data import rows as data_formats
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
-from spec_schema.sections.data.columns import Column
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Column, Data
 from spec_schema.sections.spec import Spec
 
 # as where columns are read; that file is not opened here, for `check` is to start light
@@ -53,8 +52,7 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     findings = Findings()
     spec = model.spec
     if spec.train:
-        from msnn.training.plans.fixed_starts import fixed_starts
-        from msnn.training.plans.stage_plan import plan_stages
+        from msnn.training.plans.stage_plan import fixed_starts, plan_stages
 
         for plan in plan_stages(model.program, spec.train, findings):
             if plan.rollout.horizon != "record":  # data of one rollout a record silence training
@@ -103,6 +101,7 @@ def _readers(data: Data, findings: Findings) -> None:
     for source in data.source.values():
         for pattern in source.files:
             kind = format_of(pattern.value)
+            findings.report(*warnings_of_plugins(pattern.value))
             if kind.missing:
                 names = " and ".join(package.name for package in kind.missing)
                 what, install = f"{kind.name} files need {names}", kind.missing[0].install

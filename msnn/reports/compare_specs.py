@@ -79,10 +79,11 @@ def _is_doc(change: ChangedValue) -> bool:
 
 
 def _meaning(program: Program) -> Program:
-    """The program without its hash and docs, which do not affect its values."""
+    """The program without its hash, plug-ins and docs, which do not affect its values."""
     return replace(
         program,
         spec_hash="",
+        plugins=(),
         doc="",
         signals=tuple(replace(signal, doc="") for signal in program.signals),
         parameters=tuple(replace(parameter, doc="") for parameter in program.parameters),

@@ -23,7 +23,10 @@ _FIRST = ("test", "val", "train")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnNumber:
-    """One element of an output or a signal, over the steps of a run."""
+    """One plotted element of an output or a signal: its name, source, unit and limits, no values.
+
+    `of` extracts its values from those of the source.
+    """
 
     name: str
     """`v`, or `q[1]` for a vector."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from spec_schema.expressions.latex import expression_latex, name_latex
-from spec_schema.expressions.text import length_text
-from spec_schema.expressions.tree import Duration, Samples
+from spec_schema.expressions.tree import Duration, Samples, length_text
 from spec_schema.fields.formulas import Prediction
 from spec_schema.sections.signals import InitialState
 from spec_schema.sections.spec import Spec

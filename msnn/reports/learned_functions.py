@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.program import Program
 from compiler.ir.types import WINDOW
 from msnn.data.dataset import Dataset, FloatArray
@@ -23,8 +23,7 @@ from msnn.reports.drawn import MOST_ELEMENTS, element_name, unit_of, with_unit
 from msnn.simulation.simulate import simulate
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
-from spec_schema.expressions.text import expression_text
-from spec_schema.expressions.tree import Call, Expression, Name
+from spec_schema.expressions.tree import Call, Expression, Name, expression_text
 from spec_schema.reading.settings import workflow
 from spec_schema.sections.references import calls_in, names_in
 from spec_schema.sections.spec import Spec

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from msnn.errors.learning.runs import unreadable_run
+from msnn.model.program_file import plugins_text, recorded_plugins
 from msnn.model.saved_run import (
     DESCRIPTION,
     FOLD,
@@ -232,6 +233,7 @@ def _heading(run: Run) -> str:
         ),
         ("data", f"{count(len(data['files']), 'record')}, rows: {rows}"),
         ("trained with", ", ".join(f"{n} {v}" for n, v in found["versions"].items())),
+        *([("plug-ins", plugins_text(plugins))] if (plugins := recorded_plugins(found)) else []),
         ("on", ", ".join(places)),
     ]
     return table_text(("run", str(run.folder)), lines)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from backends.ports.step_interface import Port, port_names, step_interface
-from compiler.ir.liveness import Extent, extents
+from compiler.ir.nodes import Extent, extents
 from compiler.ir.ops import ReadSamples
 from compiler.ir.program import (
     Declared,
@@ -20,9 +20,9 @@ from compiler.ir.program import (
     Tape,
 )
 from compiler.ir.types import Axis, describe_axes
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.data.starts import reach
+from msnn.data.rollout_rows import reach
 from msnn.exports.describe import range_text
 from msnn.reports.summary import summary_line
 from msnn.tables import count, table_text

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.program import Declared, LayerMemory, Program, Role
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from msnn.tables import count
 
 

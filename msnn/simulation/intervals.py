@@ -18,10 +18,10 @@ from statistics import NormalDist
 
 import numpy as np
 
-from compiler.differentiation.output_variances import ROOT, VARIANCE, with_variances
+from compiler.differentiation.sensitivities import ROOT, VARIANCE, with_variances
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.model.weights.covariance_file import Covariance
+from msnn.model.weights.covariance import Covariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

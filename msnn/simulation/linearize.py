@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from backends.ports.step_interface import Port, step_interface
-from compiler.hessian.interpret import DerivativeInterpreter
-from compiler.hessian.step_derivatives import StepDerivatives, multiplier, step_derivatives
+from compiler.hessian.step_derivatives import (
+    DerivativeInterpreter,
+    StepDerivatives,
+    multiplier,
+    step_derivatives,
+)
 from compiler.ir.program import Program
-from compiler.jacobian.interpret import JacobianInterpreter
-from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.jacobian.matrices import Vector
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.data.dataset import FloatArray
 

@@ -12,21 +12,28 @@ from compiler.differentiation.estimated_starts import (
     evaluations_that_decide,
     with_read_starts,
 )
-from compiler.ir.liveness import Extent
+from compiler.ir.nodes import Extent
 from compiler.ir.program import Program, Role
+from compiler.lowering.context import LoweringFailed, Sampling
 from compiler.passes.close_loop import LoopError, close_loop
 from msnn.data.dataset import BoolArray, Dataset, IntArray
-from msnn.data.reads import reads
-from msnn.data.scored import has_unmeasured, scored_rows
-from msnn.data.starts import Horizon, Reach, Runs, reach, rollouts
+from msnn.data.rollout_rows import (
+    Horizon,
+    Reach,
+    Runs,
+    has_unmeasured,
+    reach,
+    reads,
+    rollouts,
+    scored_rows,
+)
 from msnn.errors.data import rows as data_rows
 from msnn.errors.learning import training as errors
-from msnn.simulation.durations import samples
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Length
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.training.training import Rollout
+from spec_schema.sections.training import Rollout
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,3 +393,14 @@ def _steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
     # a start may look farther ahead than the steps do
     room = runs.steps - max(far.start_ahead - far.ahead, 0)
     return np.where((later > 0) & (later >= room), never, later)
+
+
+def samples(length: Length, sample_time: float | None, findings: Findings) -> int | None:
+    """The number of samples; None after reporting a duration that is not a whole number of
+    samples.
+    """
+    try:
+        return Sampling(sample_time, findings).samples(length)
+    # the compiler's own count has told why: 0.25 s is no whole number of samples of 0.1 s
+    except LoweringFailed:
+        return None

@@ -13,20 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.differentiation.compared_squares import compared_squares
 from compiler.differentiation.estimated_starts import (
     estimated_states,
     offset_parameter,
     start_signal,
     with_moved_starts,
 )
+from compiler.differentiation.training_step import compared_squares
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import Broadcast, Constant
 from compiler.ir.program import Graph, NodeId, Program
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
-from msnn.data.starts import Runs
-from msnn.errors.learning import fitted_starts as errors
+from msnn.data.rollout_rows import Runs
+from msnn.errors.learning import training as errors
 from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.gauss_newton import RunProducts, decided_directions, descended
 from msnn.simulation.rollout_plan import RolloutPlan, score_some

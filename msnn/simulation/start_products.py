@@ -10,21 +10,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backends.files.c_compiler import CompilerMissingError
-from compiler.differentiation.compared_squares import SIZE_OF
-from compiler.differentiation.residuals import LossResiduals
-from compiler.differentiation.sensitivities import sensitivities
+from compiler.differentiation.sensitivities import LossResiduals, sensitivities
+from compiler.differentiation.training_step import SIZE_OF
 from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.ir.program import Output, Program
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
-from msnn.data.starts import Runs
-from msnn.errors.learning import kernels
+from msnn.data.rollout_rows import Runs
+from msnn.errors.learning import engines
 from msnn.simulation.engines.open_rollouts import interpreter_seconds, kernel_seconds
 from msnn.simulation.rollout import moments
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 if TYPE_CHECKING:
-    from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+    from backends.native.sensitivity_kernel import SensitivityKernel
 
 Series = Mapping[str, FloatArray]
 Rows = Mapping[str, BoolArray]
@@ -80,12 +79,15 @@ class StartProducts:
         if self._kernel is not None:
             return self._kernel
         # jinja2 and the emitter are loaded only where kernels are made
-        from backends.native.rollouts.sensitivity_kernel import (
+        from backends.native.sensitivity_kernel import (
             SensitivityKernel,
             StackTooSmallError,
         )
-        from msnn.simulation.engines.kernel_check import check_sensitivities
-        from msnn.simulation.engines.kernel_trials import NO_FALLBACK, check_if_fresh
+        from msnn.simulation.engines.kernel_check import (
+            NO_FALLBACK,
+            check_if_fresh,
+            check_sensitivities,
+        )
 
         try:
             found = sensitivities(self._moved, [*self._offsets.values()])
@@ -104,7 +106,7 @@ class StartProducts:
             self._native = False
             reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]
             told = f"{reason} (a mistake of msnn: please report it with the spec)"
-            self.notes = (kernels.interpreted_instead(told),)
+            self.notes = (engines.interpreted_instead(told),)
         return self._kernel
 
     def _by_kernel(

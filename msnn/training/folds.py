@@ -16,17 +16,16 @@ from msnn.errors.learning.stages import no_folds
 from msnn.errors.learning.training import no_checkpoint
 from msnn.model.model import Model
 from msnn.model.saved_run import CHECKPOINT, FOLD, FOLD_SETTING, LATEST, newest, read_json
-from msnn.model.trained_fold import HELD_OUT
+from msnn.model.trained_model import HELD_OUT
 from msnn.tables import Table
 from msnn.training.plans.stage_result import monitor_order
-from msnn.training.records.metrics_log import finite
+from msnn.training.records.curves import finite
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.records.run_folder import RunFolder, new_run_folder
 from msnn.training.records.run_log import measured_in
 from msnn.training.records.training_options import TrainingOptions, in_folder
-from msnn.training.run_line import begun, ended, log
 from msnn.training.train import train
-from msnn.training.training_result import TrainingResult
+from msnn.training.training_result import TrainingResult, begun, ended, log
 from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport, validate
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError

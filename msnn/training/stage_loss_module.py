@@ -11,25 +11,22 @@ from backends.files.c_compiler import CompilerMissingError
 from backends.torch_module.module import build_module
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.errors.learning import training as errors
 from msnn.training.engines.devices import CPU, Device, on_device
-from msnn.training.engines.dropout_masks import factors_of
-from msnn.training.engines.engine import LossSums, batches_of
-from msnn.training.engines.native.kernel_or_not import try_natively
-from msnn.training.engines.torch.known_steps import prior_total
-from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
-from msnn.training.plans.default_weights import with_default_weights
-from msnn.training.plans.epoch_order import order_key, shuffled
-from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
-from msnn.training.plans.stage_data import StageData, stage_data
+from msnn.training.engines.engine import LossSums, batches_of, factors_of
+from msnn.training.engines.native.native_engine import try_natively
+from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective, prior_total
+from msnn.training.plans.epochs import order_key, shuffled
+from msnn.training.plans.loss_terms import has_priors, residuals_of
+from msnn.training.plans.stage_data import StageData, stage_data, with_default_weights
 from msnn.training.plans.stage_plan import StagePlan, plan_stages, with_slopes_alone
 from msnn.training.stages.monitor import loss_values, monitor
 from msnn.training.stages.stage_starts import stage_starts
 from msnn.training.starts.data_scales import with_data_scales
-from msnn.training.starts.initial_weights_of_run import first_weights
+from msnn.training.starts.initial_weights import first_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 
 
 def stage_loss(

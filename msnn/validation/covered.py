@@ -7,13 +7,12 @@ from dataclasses import replace
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.results.intervals import no_training_rows, nothing_to_band
-from msnn.model.weights.covariance_file import Covariance
+from msnn.errors.learning.weights import no_training_rows, nothing_to_band
+from msnn.model.weights.covariance import Covariance
 from msnn.simulation.engines.engine import Advance, Engine
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.intervals import Intervals, uncertain_program
 from msnn.simulation.rollout_plan import free_rollout
-from msnn.validation.counting import Counted
 from msnn.validation.judged_errors import TRAINED_ON
 from msnn.validation.measurement import Measurement
 from msnn.validation.outcomes import (
@@ -23,7 +22,7 @@ from msnn.validation.outcomes import (
     simulated_together,
 )
 from msnn.validation.plan import CheckPlan, plan_checks
-from msnn.validation.ready_check import ReadyCheck, ready_check, with_found_starts
+from msnn.validation.ready_check import Counted, ReadyCheck, ready_check, with_found_starts
 from msnn.validation.statistics.coverage import LEVELS, Counts, Coverage
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 

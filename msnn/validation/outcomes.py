@@ -11,17 +11,20 @@ import numpy as np
 
 from compiler.ir.kept_results import kept_for_same
 from compiler.ir.program import Loss, Output, Program
-from compiler.passes.simplify.drop_unused import drop_unused
+from compiler.passes.simplify import drop_unused
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
-from msnn.simulation.engines.engine import Advance, Engine, OpenedRollouts, RolloutEngine
+from msnn.data.rollout_rows import Runs
+from msnn.simulation.engines.engine import (
+    Advance,
+    Engine,
+    OpenedRollouts,
+    RolloutEngine,
+    interpreted_rollouts,
+)
 from msnn.simulation.engines.open_rollouts import open_rollouts
-from msnn.simulation.engines.stepwise import interpreted_rollouts
 from msnn.simulation.rollout import LossSum, entry_value
 from msnn.simulation.rollout_plan import counted_rows
-from msnn.validation.doubt import loss_in_doubt
-from msnn.validation.measurement import Measurement
-from msnn.validation.measuring import Measuring
+from msnn.validation.measurement import Measurement, Measuring, loss_in_doubt
 from msnn.validation.ready_check import ReadyCheck
 from spec_schema.diagnostics.diagnostic import Diagnostic
 

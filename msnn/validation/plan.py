@@ -11,18 +11,16 @@ from msnn.data.dataset import Dataset
 from msnn.data.reading.file_sets import file_sets, set_of
 from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
-from msnn.simulation.durations import samples
-from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_rollout
+from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_rollout, samples
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.units import turns_or_radians
 from spec_schema.expressions.tree import Expression, Member, Name, Window
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.data.data import Source
-from spec_schema.sections.validation import Metric, Validation
+from spec_schema.sections.data import Source
+from spec_schema.sections.training import Metric, Validation
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.quantity import Quantity
-from spec_schema.units.turns import turn_readings
+from spec_schema.units.quantity import Quantity, turn_readings
 from spec_schema.units.unit import ONE, Unit
 
 PERCENT = parse_unit("%")

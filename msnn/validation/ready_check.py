@@ -1,16 +1,19 @@
-"""Combines an entry of `validate` with its rollouts and data."""
+"""Combines an entry of `validate` with its rollouts and data, and selects scored predictions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from compiler.ir.liveness import Extent
-from msnn.data.dataset import Dataset, FloatArray
-from msnn.data.starts import Runs
+import numpy as np
+
+from compiler.ir.nodes import Extent
+from msnn.data.dataset import Dataset, FloatArray, IntArray
+from msnn.data.rollout_rows import Runs, rows_that_count
 from msnn.model.weights.kept_starts import KeptStarts
+from msnn.simulation.engines.engine import first_places
+from msnn.simulation.rollout import check_classes, check_row_factors
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
-from msnn.simulation.row_factors import check_classes, check_row_factors
 from msnn.simulation.start_fit import with_starts
 from msnn.validation.plan import CheckPlan, default_set
 from spec_schema.diagnostics.diagnostic import Findings
@@ -102,3 +105,38 @@ def with_found_starts(
         found.append(replace(check, plan=plan, data=data, series=data.series))
     findings.raise_errors()
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Counting:
+    """The scored steps of some rollouts, rollout after rollout."""
+
+    steps: IntArray
+    """Positions of these steps among all steps."""
+    rows: IntArray
+    """Rows of the series that are predicted."""
+    number: IntArray
+    """Index of each step within its rollout, from 0."""
+
+
+class Counted:
+    """Selects the scored steps of an entry's rollouts."""
+
+    def __init__(self, check: ReadyCheck) -> None:
+        plan = check.plan
+        assert plan.target is not None
+        self._ahead, self._skip = plan.target.ahead, plan.rollout.skip
+        # of whole records all rows are simulated, and those of the set are scored (R10)
+        name = check.name if plan.rollout.horizon == "record" else None
+        around = Extent(self._ahead, self._ahead)
+        self._rows = rows_that_count(check.data, name, around, plan.rollout.skip_rows)
+
+    def among(self, runs: Runs) -> Counting:
+        """The scored steps of some of the rollouts."""
+        # the place within all rollouts, less where its own begins: 0, 1, 2, … again and again
+        number = np.arange(int(runs.steps.sum()))
+        number -= np.repeat(first_places(runs), runs.steps)
+        t = np.repeat(runs.t0, runs.steps)
+        t += number
+        steps = np.flatnonzero((number >= self._skip) & self._rows[t])
+        return Counting(steps, t[steps] + self._ahead, number[steps])

@@ -9,12 +9,11 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.results.validation import Outside, extrapolates
-from msnn.model.learned_numbers import learned_numbers
-from msnn.model.weights.covariance_file import Covariance
+from msnn.errors.validation import Outside, extrapolates
+from msnn.model.model import learned_numbers
+from msnn.model.weights.covariance import Covariance
 from msnn.model.weights.kept_starts import KeptStarts
-from msnn.simulation.engines.engine import Engine
-from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
+from msnn.simulation.engines.engine import Count, Engine, RolloutProgress, nobody
 from msnn.validation.covered import coverages, residual_variances
 from msnn.validation.measurement import Measurement
 from msnn.validation.outcomes import LossValue, Outcome, Simulator, simulated_together
@@ -22,8 +21,7 @@ from msnn.validation.plan import plan_checks
 from msnn.validation.ready_check import ReadyCheck, ready_check, with_found_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.sections.training.training import Stage
-from spec_schema.sections.validation import Validation
+from spec_schema.sections.training import Stage, Validation
 from spec_schema.units.unit import Unit
 
 Weights = Mapping[str, FloatArray]

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os import cpu_count
 from pathlib import Path
-from typing import Literal
+from typing import Any, Generic, Literal, Protocol, TypeAlias, TypeVar
 
+from backends.files.atomic_write import write_text
 from msnn.errors.commands import not_exported_c
-from msnn.verification.bare_metal import board_checks
-from msnn.verification.exported_c import ExportedC, read_exported_c
-from msnn.verification.files_check import files_check
-from msnn.verification.host.coverage import coverage_check
-from msnn.verification.host.fuzz import fuzz_check
-from msnn.verification.host.host_checks import host_checks, misra_check
+from msnn.exports.export import spare_foreign_files
+from msnn.verification.coverage import coverage_check
+from msnn.verification.exported_c import ExportedC, Sources, files_check, read_exported_c
+from msnn.verification.fuzz import fuzz_check
+from msnn.verification.harness import harness_text
+from msnn.verification.host_checks import host_checks, misra_check
 from msnn.verification.on_board.board_check import board_check
+from msnn.verification.on_board.link import DEFAULT_RAM, Link, Ram
 from msnn.verification.proof.proof import proof_checks
-from msnn.verification.proof_step import ProofStep, Result
-from msnn.verification.sources import Sources
-from msnn.verification.tools import Tool
-from msnn.verification.verified_export import AnyVerifiedExport, WantedSteps, verified_exports
-from spec_schema.diagnostics.diagnostic import SpecError
+from msnn.verification.proof_step import ProofStep, Result, Tool
+from msnn.verification.qemu import board_checks
+from spec_schema import registry
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 Target = Literal["host", "m0", "m4", "m7", "rv32"]
 TARGETS: tuple[Target, ...] = ("host", "m4", "m7", "m0", "rv32")
@@ -114,3 +115,79 @@ def _checks(model: ExportedC, wanted: WantedSteps) -> Iterator[ProofStep]:
         yield from proof_checks(model)
     if wanted.fuzz:
         yield fuzz_check(model, wanted.fuzz)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WantedSteps:
+    """The requested checks."""
+
+    targets: frozenset[str]
+    proof: bool = False
+    misra: bool = False
+    fuzz: int = 0
+    """Seconds; 0 for none."""
+    board: Link | None = None
+    ram: Ram = DEFAULT_RAM
+    """Memory of the board."""
+
+    @property
+    def is_empty(self) -> bool:
+        """True if no check is requested."""
+        return not (self.targets or self.proof or self.misra or self.fuzz or self.board)
+
+
+class IdentifiedSources(Sources, Protocol):
+    """A folder with C that states the hashes of its files."""
+
+    @property
+    def identities(self) -> Mapping[str, str]:
+        """Hashes by pattern of file names."""
+        ...
+
+
+E = TypeVar("E", bound=IdentifiedSources)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifiedExport(Generic[E]):
+    """A kind of export with its own checks."""
+
+    read: Callable[[Path], E | None]
+    """The export in a folder; None if the folder has another."""
+    damaged_part: Callable[[Path], str | None]
+    """The name of a damaged or missing file of such an export; None for other folders."""
+    target: str
+    """The target of `msnn export`."""
+    checks: Callable[[E, WantedSteps], Iterator[ProofStep]]
+    on_board: Callable[[str], Diagnostic]
+    """The diagnostic if a board should run it; the argument is the prefix of its names."""
+
+
+AnyVerifiedExport: TypeAlias = VerifiedExport[Any]
+
+
+def verified_exports() -> Iterator[AnyVerifiedExport]:
+    """The kinds of exports defined by features."""
+    for line in registry.VERIFIED_EXPORTS:
+        kind: AnyVerifiedExport = line.value
+        yield kind
+
+
+def write_serve_files(export: Path, folder: Path) -> tuple[Path, ...]:
+    """Writes three files for the export in a folder; SpecError (E1046, E1325) if there is none.
+
+    Raises SpecError (E1054) if other files would be replaced.
+    """
+    for kind in verified_exports():
+        if (other := kind.read(export)) is not None:
+            raise SpecError([kind.on_board(other.prefix)])
+    model = read_exported_c(export)
+    names = {
+        "replay.h": "replay.h",
+        "board_answer.h": "board_answer.h",
+        "board_serve.c": f"{model.prefix}_serve.c",
+    }
+    spare_foreign_files(folder / name for name in names.values())
+    return tuple(
+        write_text(folder / name, harness_text(template, model)) for template, name in names.items()
+    )

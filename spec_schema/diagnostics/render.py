@@ -4,10 +4,8 @@ import json
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeAlias, assert_never
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, describe
-from spec_schema.diagnostics.printable import printable_json
-from spec_schema.diagnostics.render_full import in_full
-from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.diagnostics.diagnostic import Diagnostic, describe, in_full
+from spec_schema.diagnostics.source import SourceText, Span, printable_json
 
 Format: TypeAlias = Literal["full", "concise", "json", "github", "sarif"]
 JSON_VERSION = 1

@@ -1,5 +1,6 @@
-"""Finds the known word most similar to a mistyped one, for "did you mean"."""
+"""Finds what a mistyped word or number was meant to be, for "did you mean"."""
 
+import re
 from collections.abc import Iterable
 
 _LONGEST = 60
@@ -44,3 +45,21 @@ def _distance(left: str, right: str) -> int:
             swapped = row > 1 and column > 1 and a == right[column - 2] and b == left[row - 2]
             current.append(min(cost, previous[column - 2] + 1) if swapped else cost)
     return current[-1]
+
+
+_DECIMAL_COMMA = re.compile(r"([+-]?\d+),(\d+)((?:[^\d,][^,]*)?)")
+
+
+def with_point_or_joined(text: str) -> tuple[str, ...]:
+    """Lists possible meanings: `2.5` for `2,5`; for `1,200` first 1200, then `1.200`."""
+    point, joined = text.replace(",", "."), text.replace(",", "")
+    return (point,) if with_decimal_point(text) else (joined, point)
+
+
+def with_decimal_point(text: str) -> str | None:
+    """`0.05 s` for `0,05 s`; None without a comma, or if it may separate thousands."""
+    found = _DECIMAL_COMMA.fullmatch(text.strip())
+    # `1,500` is fifteen hundred to some and one and a half to others
+    if found is None or (len(found[2]) == 3 and found[1].lstrip("+-") != "0"):
+        return None
+    return f"{found[1]}.{found[2]}{found[3]}"

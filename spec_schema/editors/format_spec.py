@@ -8,7 +8,7 @@ from typing import Any
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.reading.one_file import read_one_spec
+from spec_schema.reading.reader import read_one_spec
 from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
 from spec_schema.yaml_tree.reader import read_tree

@@ -5,17 +5,16 @@ from typing import Any, cast
 
 from spec_schema.expressions import tree
 from spec_schema.expressions.moments import Date
-from spec_schema.expressions.text import expression_text, length_text, number_text
+from spec_schema.expressions.tree import expression_text, length_text, number_text
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import Prediction
-from spec_schema.fields.located import Located, Spelled
-from spec_schema.sections.data.columns import ColumnName
-from spec_schema.sections.data.splits import Blocks, DateRange, Fraction, TimeRange
-from spec_schema.sections.dimensions import Dimension
-from spec_schema.sections.layers.fuzzy_sets import CustomMembership, Fuzzify
+from spec_schema.fields.leaf import Located, Spelled
+from spec_schema.sections.data import Blocks, ColumnName, DateRange, Fraction, TimeRange
+from spec_schema.sections.layers import CustomMembership, Fuzzify
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Freeze
-from spec_schema.sections.training.curriculum import Curriculum
+from spec_schema.sections.training import Curriculum
+from spec_schema.sections.values import Dimension
 from spec_schema.units.quantity import Quantity, Range
 from spec_schema.units.unit import Unit
 

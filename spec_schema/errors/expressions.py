@@ -2,9 +2,9 @@
 
 import re
 
-from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import with_point_or_joined
 from spec_schema.names import LONGEST_NAME
 
 
@@ -105,7 +105,7 @@ def boolean_word(word: str, span: Span) -> Diagnostic:
 
 
 def python_word(word: str, span: Span) -> Diagnostic:
-    """E0331: another word of Python."""
+    """E0331: a keyword of Python other than `and`, `or` and `not` in an expression."""
     message = f"`{word}` cannot be used in an expression"
     # only these have a counterpart: a spec has no loops, imports or functions of that kind
     repair = _CHOICE if word in {"if", "else"} else None

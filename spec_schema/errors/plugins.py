@@ -1,9 +1,42 @@
-"""W0222: plug-ins."""
+"""E0230, W0222: plug-ins."""
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, warning
+from traceback import walk_tb
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
+from spec_schema.diagnostics.source import Span
+
+_LONGEST_REASON = 200
+"""Maximum number of characters of an exception's message."""
 
 
 def left_out(package: str, part: str, reason: str, repair: str) -> Diagnostic:
     """W0222: a plug-in, or one of its names, that is left out."""
     message = f"{part} of the package {package} is left out: {reason}"
     return warning("W0222", None, message, help=repair)
+
+
+def faulty_plugin(package: str, part: str, fault: str, place: Span | None = None) -> Diagnostic:
+    """E0230: a part of a plug-in that raises an exception, or returns a wrong value."""
+    message = f"{part} of the package {package} {fault}"
+    repair = f"report it to the authors of {package}, or install another version of it"
+    return error("E0230", place, message, help=repair)
+
+
+def what_was_raised(raised: BaseException, module: str) -> str:
+    """The exception of a plug-in's `module`, with the last line of its own package.
+
+    Functions of other packages that it calls are seldom at fault.
+    """
+    lines = [
+        f"{frame.f_globals['__name__']}, line {line}, in {frame.f_code.co_name}"
+        for frame, line in walk_tb(raised.__traceback__)
+        if _package(str(frame.f_globals.get("__name__"))) == _package(module)
+    ]
+    reason = " ".join(str(raised).split())[:_LONGEST_REASON]
+    name = type(raised).__name__
+    at = f" ({lines[-1]})" if lines else ""
+    return f"raised {name}{f': {reason}' if reason else ''}{at}"
+
+
+def _package(module: str) -> str:
+    return module.partition(".")[0]

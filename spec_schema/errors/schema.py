@@ -1,12 +1,10 @@
 """E02xx: the schema of a spec, its sections, keys and plain values."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from spec_schema.diagnostics.decimal_commas import with_decimal_point
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
-from spec_schema.diagnostics.suggest import did_you_mean, nearest
-from spec_schema.errors.keys_elsewhere import FORMS_ELSEWHERE, KEYS_ELSEWHERE
+from spec_schema.diagnostics.suggest import did_you_mean, nearest, with_decimal_point
 from spec_schema.names import LONGEST_NAME, similar_name
 
 # The keys of a layer are worth listing, those of a whole spec are in the documentation.
@@ -252,3 +250,74 @@ def no_unit_of_time(unit: str, span: Span) -> Diagnostic:
     message = f"the time column cannot be in {unit}"
     repair = "units of time are s, ms, us, min, h"
     return error("E0824", span, message, "not a unit of time", help=repair)
+
+
+KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
+    "activation_function": ("activation",),
+    "batch_size": ("batch",),
+    "bounds": ("range",),
+    "comment": ("doc",),
+    "ddt": ("der",),
+    # of several the entry decides: a parameter has `init`, a constant `value`
+    "default": ("init", "value"),
+    "dense": ("linear",),
+    "derivative": ("der",),
+    "description": ("doc",),
+    "dot": ("der",),
+    "dt": ("sample_time",),
+    "dxdt": ("der",),
+    "early_stopping": ("early_stop",),
+    "equation": ("expr",),
+    "file": ("source",),
+    "files": ("source",),
+    "formula": ("expr",),
+    "fully_connected": ("linear",),
+    "hidden_layers": ("hidden",),
+    "hidden_sizes": ("hidden",),
+    "init": ("value",),
+    "initial": ("init", "value"),
+    "initial_value": ("init", "value"),
+    "iterations": ("epochs",),
+    "kernel_size": ("window",),
+    "layers": ("hidden",),
+    "learning_rate": ("lr",),
+    "lookup": ("interpolation",),
+    "lookup_table": ("interpolation",),
+    "loss": ("expr", "losses"),
+    "lower": ("min",),
+    "max_epochs": ("epochs",),
+    "n_epochs": ("epochs",),
+    "neurons": ("hidden",),
+    "nn": ("mlp",),
+    "num_epochs": ("epochs",),
+    "optim": ("optimizer",),
+    "params": ("parameters",),
+    "path": ("source",),
+    "sampling_time": ("sample_time",),
+    "scheduler": ("schedule",),
+    # a key of `layers:`, where people look for what other tools call so
+    "table": ("interpolation",),
+    "taps": ("window",),
+    "trainable": ("learn",),
+    "ts": ("sample_time",),
+    "units": ("unit", "hidden"),
+    "upper": ("max",),
+    "value": ("init",),
+    "variables": ("equations",),
+}
+"""The first that the section has is meant."""
+
+FORMS_ELSEWHERE: Mapping[str, tuple[str, str]] = {
+    # keys of a stage, written into the options of its optimizer: `lr` shows that these are such
+    "batch": ("lr", "`batch: …` beside `optimizer:`, in the stage"),
+    "bounds": ("min", "`min: …` and `max: …`"),
+    "clip": ("lr", "`clip: …` beside `optimizer:`, in the stage"),
+    "early_stop": ("lr", "`early_stop: {patience: …}` beside `optimizer:`, in the stage"),
+    "epochs": ("lr", "`epochs: …` beside `optimizer:`, in the stage"),
+    "limits": ("min", "`min: …` and `max: …`"),
+    "patience": ("early_stop", "`early_stop: {patience: …}`"),
+    "range": ("min", "`min: …` and `max: …`"),
+    "schedule": ("lr", "`schedule: …` beside `optimizer:`, in the stage"),
+    "weight_decay": ("lr", "`weight_decay: …` beside `optimizer:`, in the stage"),
+}
+"""A key that the section must have, and what is written there, where one word is not enough."""

@@ -1,8 +1,8 @@
 """E01xx: the text of a file as YAML 1.2 or JSON, before anything is known of its meaning."""
 
-from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import with_point_or_joined
 
 
 def other_syntax(problem: str, span: Span) -> Diagnostic:

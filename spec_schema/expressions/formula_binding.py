@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from spec_schema.expressions.text import number_text
-from spec_schema.expressions.tree import Binary, Compare, Expression, Negate, Number, Operator
+from spec_schema.expressions.tree import (
+    Binary,
+    Compare,
+    Expression,
+    Negate,
+    Number,
+    Operator,
+    number_text,
+)
 
 COMPARE, SUM, PRODUCT, POWER, ATOM = range(5)
 

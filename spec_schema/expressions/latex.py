@@ -5,7 +5,7 @@ from typing import assert_never
 
 from spec_schema.expressions import tree
 from spec_schema.expressions.formula_binding import ATOM, PRODUCT, binding, binding_of_operands
-from spec_schema.expressions.text import length_text, number_text, time_text
+from spec_schema.expressions.tree import length_text, number_text, time_text
 
 _FUNCTIONS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "min", "max"}
 _ARC = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}

@@ -2,14 +2,13 @@
 
 import ast
 import math
+from itertools import accumulate
 from typing import Literal
 
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.errors import expressions as errors
-from spec_schema.expressions.python_positions import PythonPositions
 from spec_schema.expressions.scanner import DEEPEST, ScannedExpression, scan_expression
-from spec_schema.expressions.times_elsewhere import index_of, time_elsewhere
 from spec_schema.expressions.tree import (
     Binary,
     Call,
@@ -33,6 +32,117 @@ from spec_schema.expressions.tree import (
 )
 from spec_schema.names import normalised
 from spec_schema.yaml_tree.nodes import Positions
+
+
+class PythonPositions:
+    """Places of the nodes that `ast.parse("(" + text + "\\n)")` returns, as spans of the file."""
+
+    def __init__(self, text: str, positions: Positions) -> None:
+        self._text = text
+        self._positions = positions
+        # A tuple without brackets ends behind the added parenthesis, on a line of its own.
+        self._lines = [*text.split("\n"), ""]
+        lengths = (len(line) + 1 for line in self._lines)
+        self._starts = [0, *accumulate(lengths)]
+        self._texts: dict[Span, str] = {}
+
+    def of(self, node: ast.expr | ast.keyword | ast.Slice) -> Span:
+        """The span of a node."""
+        first, last = self.start(node), self.end(node)
+        span = self._positions.span(first, last)
+        self._texts[span] = self._text[first:last]
+        return span
+
+    def text_of(self, span: Span) -> str:
+        """The text of a span that `of` returned."""
+        return self._texts[span]
+
+    def between(self, left: ast.expr, right: ast.expr, operator: str) -> Span:
+        """The span of the operator that stands between two operands."""
+        # between the operands there are blanks, parentheses and the operator
+        start = self._text.index(operator, self.end(left), self.start(right))
+        return self._positions.span(start, start + len(operator))
+
+    def syntax_fault(self, error: SyntaxError) -> Diagnostic:
+        """The diagnostic of Python's syntax error, in wording independent of its version."""
+        line, column = error.lineno or 1, (error.offset or 1) - 1
+        if line >= len(self._lines):
+            # It stumbled over the added parenthesis.
+            last = len(self._text.rstrip())
+            return errors.incomplete_expression(self._positions.span(last - 1, last))
+        # Python may point behind the fault: what is shown lies within the text in any case
+        start = self._starts[line - 1] + column - (1 if line == 1 else 0)
+        start = min(max(start, 0), len(self._text) - 1)
+        return errors.malformed_expression(self._positions.span(start, start + 1))
+
+    def start(self, node: ast.expr | ast.keyword | ast.Slice) -> int:
+        """The offset in the text at which a node starts."""
+        return self._offset(node.lineno, node.col_offset)
+
+    def end(self, node: ast.expr | ast.keyword | ast.Slice) -> int:
+        """The offset in the text at which a node ends."""
+        assert node.end_lineno is not None
+        assert node.end_col_offset is not None
+        return self._offset(node.end_lineno, node.end_col_offset)
+
+    def _offset(self, line: int, byte_column: int) -> int:
+        added = 1 if line == 1 else 0
+        line_text = self._lines[line - 1]
+        # Python counts columns in bytes of UTF-8
+        if not line_text.isascii():
+            # of the bytes before it, as many characters as they decode to
+            byte_column = len(line_text.encode()[: byte_column - added].decode()) + added
+        offset = self._starts[line - 1] + byte_column - added
+        return min(max(offset, 0), len(self._text))
+
+
+_TIME_INDICES = {"k", "n", "i", "t"}
+"""Names of the present sample in textbooks, including `t`, the name here."""
+
+
+def time_elsewhere(node: ast.expr) -> str | None:
+    """`t+1` for `k+1` and `1+t`, `t` for `k`; None where nothing is clear.
+
+    A number alone stays unclear: `x[-1]` is the last of a list in Python and the sample before in
+    other tools.
+    """
+    match node:
+        case ast.Name(id=name) if name in _TIME_INDICES:
+            return "t"
+        case ast.BinOp(left=ast.Name(id=name), op=op, right=ast.Constant(value=int(count))) if (
+            name in _TIME_INDICES
+        ):
+            return _time_offset(op, count)
+        case ast.BinOp(
+            # not `1-k`: time that runs backwards is no sample of a log
+            left=ast.Constant(value=int(count)),
+            op=ast.Add() as op,
+            right=ast.Name(id=name),
+        ) if name in _TIME_INDICES:
+            return _time_offset(op, count)
+        case _:
+            return None
+
+
+def index_of(node: ast.expr) -> str | None:
+    """The number that stands where a time is wanted, as an index of a list; None for others."""
+    match node:
+        # `True` is an integer to Python
+        case ast.Constant(value=int(index)) if not isinstance(index, bool):
+            return str(index)
+        case _:
+            return None
+
+
+def _time_offset(op: ast.operator, count: int) -> str | None:
+    match op:
+        case ast.Add():
+            return f"t+{count}"
+        case ast.Sub():
+            return f"t-{count}"
+        case _:
+            return None
+
 
 LONGEST = 4000
 

@@ -1,9 +1,12 @@
-"""Reads mappings of a spec: unknown, planned and missing keys, shorthands, variants."""
+"""Reads mappings of a spec: unknown and missing keys, shorthands, variants, named tables."""
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from importlib import import_module
+from inspect import isclass
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeVar, get_args
 
 from pydantic import (
     BaseModel,
@@ -18,8 +21,17 @@ from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_func
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
-from spec_schema.fields.leaf import LeafField
-from spec_schema.fields.located import KeyAndValueSpan
+from spec_schema.fields.leaf import (
+    Gathering,
+    KeyAndValueSpan,
+    LeafField,
+    any_keys,
+    declarations,
+    signals,
+    some_signals,
+)
+from spec_schema.late_dataclass import dataclass
+from spec_schema.names import is_dotted_name, is_name, why_reserved
 from spec_schema.yaml_tree.nodes import Node, Scalar, Table, kind
 
 # No YAML key can be this: the reader keeps only printable keys.
@@ -179,3 +191,136 @@ def single_key(node: Node, key: str) -> Table:
 
 def _first_key(node: Table) -> Span:
     return next(iter(node.keys.values()), node.span)
+
+
+Item = TypeVar("Item")
+
+
+def _read_signals(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    """Keys are names of signals, those of sub-models with dots."""
+    # a signal of a sub-model has a dot: it is no new name
+    table = read_table(node, info)
+    for name in table.entries:
+        if not is_name(name) and not is_dotted_name(name):
+            findings_of(info).report(errors.malformed_name(name, table.keys[name]))
+    return {n: v for n, v in table.entries.items() if is_name(n) or is_dotted_name(n)}
+
+
+def _read_some_signals(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    found = _read_signals(node, info)
+    if not found:
+        findings_of(info).report(
+            errors.empty_section(f"`{info.field_name}`", node.key or node.span)
+        )
+        raise RefusedError
+    return found
+
+
+# names that are declared: reserved ones are refused where they are written
+def _read_declarations(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    table = read_table(node, info)
+    findings = findings_of(info)
+    admitted: dict[str, Node] = {}
+    for name, value in table.entries.items():
+        reason = why_reserved(name)
+        if reason is not None:
+            findings.report(errors.reserved_name(name, table.keys[name], reason))
+        elif not is_name(name):
+            findings.report(errors.malformed_name(name, table.keys[name]))
+        else:
+            admitted[name] = value
+    return admitted
+
+
+def _read_any_keys(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
+    return read_table(node, info).entries
+
+
+def read_table(node: Node, info: ValidationInfo) -> Table:
+    """The mapping that a node is; nothing written is an empty one."""
+    if isinstance(node, Scalar) and node.is_empty:
+        return Table({}, {}, node.span, node.key)
+    if not isinstance(node, Table):
+        repair = (
+            # a lone value under `parameters:` lacks its name
+            f"give it a name: `{{NAME: {node.text[:40]}}}`" if isinstance(node, Scalar) else None
+        )
+        repair = repair or "write for each one `NAME: …`"
+        wrong = errors.wrong_kind("a mapping of names", kind(node), node.span, repair)
+        findings_of(info).report(wrong)
+        raise RefusedError
+    return node
+
+
+Named: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_declarations, schema=declarations)]
+BySignal: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_signals, schema=signals)]
+SomeBySignal: TypeAlias = Annotated[
+    Mapping[str, Item], Gathering(_read_some_signals, schema=some_signals)
+]
+Keyed: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_any_keys, schema=any_keys)]
+
+
+def late_entries(module: str, *names: str) -> list[Any]:
+    """For each class of the module a type that says which it is, and reads as it does."""
+    return [Annotated[Any, LateEntry(module, name)] for name in names]
+
+
+@dataclass(frozen=True)
+class LateObject:
+    """The object of this name, in a module that may not be imported yet."""
+
+    module: str
+    name: str
+
+    @property
+    def value(self) -> Any:
+        """The object itself."""
+        return getattr(import_module(self.module), self.name)
+
+
+@dataclass(frozen=True)
+class LateEntry(LateObject):
+    """The class of an entry, in a module that may not be imported yet."""
+
+    @property
+    def kind(self) -> type[Entry]:
+        """The class itself."""
+        return self.value
+
+    def __get_pydantic_core_schema__(
+        self, source_type: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """A reader that asks the class, as `Entry` has it below a field."""
+        del source_type, handler
+        return with_info_plain_validator_function(self._read)
+
+    def _read(self, node: Node, info: ValidationInfo) -> Entry:
+        return self.kind.model_validate(node, context=info.context)
+
+
+def kinds_within(first: type[Entry]) -> Iterator[type[Entry]]:
+    """The kind itself and all nested kinds, outer ones first."""
+    known, waiting = {first}, [first]
+    while waiting:
+        entry = waiting.pop(0)
+        yield entry
+        fields = entry.model_fields.values()
+        found = [kind for field in fields for kind in kinds_of(field.annotation)]
+        inner = [kind for kind in dict.fromkeys(found) if kind not in known]
+        known.update(inner)
+        # depth first, in the order of the fields
+        waiting = [*inner, *waiting]
+
+
+def kinds_of(annotation: Any) -> list[type[Entry]]:
+    """The kinds of mappings that a field of this type holds."""
+    if isclass(annotation) and issubclass(annotation, Entry):
+        return [annotation]
+    if isinstance(annotation, LateEntry):
+        return [annotation.kind]
+    return [kind for part in get_args(annotation) for kind in kinds_of(part)]
+
+
+def about(kind: type[Entry]) -> str:
+    """Describes a kind of mapping in a sentence or two."""
+    return " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split())

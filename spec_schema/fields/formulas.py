@@ -10,7 +10,7 @@ from spec_schema.errors import schema as errors
 from spec_schema.expressions import tree
 from spec_schema.expressions.parser import parse_expression
 from spec_schema.fields.entry import RefusedError
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.fields.plain import reads, scalar
 from spec_schema.late_dataclass import dataclass
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, kind

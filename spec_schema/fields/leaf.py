@@ -1,14 +1,51 @@
-"""Connects validators with the JSON Schema of their values."""
+"""Values of a spec with their place, and validators with the JSON Schema of their values."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import field
-from typing import Any, TypeAlias
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from pydantic import BeforeValidator, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
+from spec_schema.diagnostics.source import Span
 from spec_schema.late_dataclass import dataclass
 from spec_schema.names import LONGEST_NAME, RESERVED_PATTERN
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Located(Generic[Value]):
+    """A value with its place, and the place of its key if it has one."""
+
+    value: Value
+    # a value is the same wherever it is written: equal specs make equal programs
+    span: Span = field(compare=False)
+    key: Span | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class Choice(Located[Value]):
+    """A word of a fixed set such as `saturate`: it is no name, whatever is called so."""
+
+
+@dataclass(frozen=True)
+class KeyAndValueSpan:
+    """The places of an entry: its key (or name) and its whole value."""
+
+    key: Span
+    value: Span
+
+
+class Spelled(ABC):
+    """A value that says itself how it is written in a spec."""
+
+    @property
+    @abstractmethod
+    def spelling(self) -> object:
+        """A value of a spec, such as a tuple or `Located`, which reads as an equal one."""
+
 
 JsonSchema: TypeAlias = Mapping[str, Any]
 

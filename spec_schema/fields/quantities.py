@@ -1,4 +1,4 @@
-"""Leaf types of the schema that have units: units, quantities, lengths of time, sample times."""
+"""Leaf types of the schema that have units, and places in a record: a row, a time, a date."""
 
 import math
 import re
@@ -7,14 +7,14 @@ from typing import Annotated, TypeAlias
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
-from spec_schema.expressions.durations import NUMBER_PATTERN, parse_length
+from spec_schema.expressions.moments import Date, read_moment
+from spec_schema.expressions.scanner import NUMBER_PATTERN, parse_length
 from spec_schema.expressions.tree import Duration, Length, Samples
 from spec_schema.fields.entry import RefusedError
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.fields.plain import reads, scalar
-from spec_schema.units.parser import parse_unit
+from spec_schema.units.parser import collisions, parse_unit
 from spec_schema.units.quantity import Quantity, Range
-from spec_schema.units.spellings import collisions
 from spec_schema.units.unit import Unit, UnitError, unit_symbol
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
 
@@ -191,3 +191,29 @@ LengthField: TypeAlias = Annotated[Length, reads(read_length, {**_LENGTH, "minim
 PositiveLength: TypeAlias = Annotated[Length, reads(read_positive_length, POSITIVE_LENGTH)]
 SampleTime: TypeAlias = Annotated[Quantity, reads(_read_sample_time, _SAMPLE_TIME)]
 RangeField: TypeAlias = Annotated[Range, reads(_read_range, _RANGE)]
+
+
+RowOrTime: TypeAlias = Length | Date
+
+
+def read_row_or_time(node: Node, findings: Findings) -> RowOrTime:
+    """A number of samples, a duration, or a date of ISO 8601."""
+    found = scalar(node, findings, "a row, a time such as `50 ms` or a date")
+    # a number alone is a length before it is a year
+    length = parse_length(found.text, found.positions)
+    if length is not None:
+        return length
+    moment = read_moment(found.text.strip())
+    if moment is None:
+        findings.report(errors.malformed_length(found.text[:60], found.span, may_be_date=True))
+        raise RefusedError
+    return Date(moment, found.text.strip(), found.span)
+
+
+_DATE = r"[0-9]{4}-[0-9]{2}-[0-9]{2}([Tt ].*)?"
+_ROW_OR_TIME = {
+    "type": ["string", "integer"],
+    "pattern": rf"^({LENGTH_PATTERN}|{_DATE})$",
+    "minimum": 0,
+}
+RowOrTimeField: TypeAlias = Annotated[RowOrTime, reads(read_row_or_time, _ROW_OR_TIME)]

@@ -10,8 +10,8 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Call, Member, Name
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.formulas import Prediction
-from spec_schema.fields.located import Located
-from spec_schema.sections.layers.fuzzy_sets import CustomMembership
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.layers import CustomMembership
 
 Reference: TypeAlias = Name | Member | Prediction | CustomMembership
 

@@ -6,11 +6,10 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import states as state_errors
-from spec_schema.expressions.text import length_text
-from spec_schema.expressions.tree import Expression, Length, Samples
+from spec_schema.expressions.tree import Expression, Length, Samples, length_text
 from spec_schema.fields.entry import Entry, OneOf, findings_of, single_key
 from spec_schema.fields.formulas import ExpressionField, PredictionField
-from spec_schema.fields.located import Choice
+from spec_schema.fields.leaf import Choice
 from spec_schema.fields.plain import (
     NonNegativeNumber,
     References,

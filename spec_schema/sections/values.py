@@ -1,6 +1,6 @@
-"""The values a spec names: constants, parameters with their initial values, functions."""
+"""The values a spec names: dimensions, constants, parameters, initial values, functions."""
 
-from dataclasses import replace
+from dataclasses import field, replace
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import ValidationInfo, model_validator
@@ -12,7 +12,7 @@ from spec_schema.errors import units as unit_errors
 from spec_schema.expressions.tree import Expression
 from spec_schema.fields.entry import Entry, OneOf, RefusedError, findings_of, single_key
 from spec_schema.fields.formulas import ArrayField, ExpressionField
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import KeyAndValueSpan, Located
 from spec_schema.fields.plain import (
     DifferentOf,
     LocatedText,
@@ -23,8 +23,10 @@ from spec_schema.fields.plain import (
     Switch,
     Text,
     number,
+    read_count,
     read_number,
     reads,
+    scalar,
 )
 from spec_schema.fields.quantities import (
     QuantityField,
@@ -33,11 +35,48 @@ from spec_schema.fields.quantities import (
     read_unit,
     split_quantity,
 )
-from spec_schema.units.conversion import converted
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.quantity import Quantity
+from spec_schema.units.quantity import Quantity, converted
 from spec_schema.units.unit import UnitError
-from spec_schema.yaml_tree.nodes import Node, Positions, Scalar, Table
+from spec_schema.yaml_tree.nodes import Listing, Node, Positions, Scalar, Table
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A dimension's size, and the labels of its positions; () where only the size is given."""
+
+    size: int
+    labels: tuple[str, ...]
+    place: KeyAndValueSpan = field(compare=False)
+
+
+def _read_dimension(node: Node, findings: Findings) -> Dimension:
+    place = KeyAndValueSpan(node.key or node.span, node.span)
+    if not isinstance(node, Listing):
+        return Dimension(read_count(node, findings, least=1), (), place)
+    labels: dict[str, Scalar] = {}
+    for item in node.items:
+        label = scalar(item, findings, "a label")
+        # by their text: `1` and `01` are two labels
+        first = labels.setdefault(label.text, label)
+        if first is not label:
+            findings.report(errors.repeated_item(label.text, label.span, first.span))
+    if not labels:
+        findings.report(errors.empty_section("a list of labels", node.span))
+        raise RefusedError
+    return Dimension(len(labels), tuple(labels), place)
+
+
+_LABEL = {"type": ["string", "number", "boolean"]}
+_DIMENSION_SCHEMA = {
+    "type": ["integer", "array"],
+    "minimum": 1,
+    "items": _LABEL,
+    "minItems": 1,
+    "uniqueItems": True,
+}
+DimensionField: TypeAlias = Annotated[Dimension, reads(_read_dimension, _DIMENSION_SCHEMA)]
 
 
 class NormalInitializer(Entry):

@@ -5,8 +5,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, cast
 
-from spec_schema.diagnostics.printable import printable, printable_json
-from spec_schema.yaml_tree.scalars import core_value
+from spec_schema.diagnostics.source import printable, printable_json
+from spec_schema.yaml_tree.nodes import core_value
 
 _PLAIN = re.compile(r"[A-Za-z0-9Ͱ-Ͽ_+(./-][^\"'#:\[\]{},&*!|>%@`\\\x00-\x1f\x7f-\xa0]*")
 _SHORT = 60

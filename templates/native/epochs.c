@@ -1,7 +1,7 @@
 /* The order of an epoch and the groups of its batches: what takes longer in Python than small models
    take to train. */
 
-/* The numbers 0 … count−1 as `shuffled` of msnn/training/plans/epoch_order.py has them. */
+/* The numbers 0 … count−1 as `shuffled` of msnn/training/plans/epochs.py has them. */
 void msnn_shuffled(uint64_t key, int64_t count, int64_t *restrict order)
 {
     for (int64_t i = 0; i < count; i++) {

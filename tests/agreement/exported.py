@@ -7,8 +7,7 @@ from pathlib import Path
 
 from compiler.ir.program import Program
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.judging.judgement import FloatType
-from msnn.agreement.judging.record import AgreementRecord, drawn_record
+from msnn.agreement.judgement import AgreementRecord, FloatType, drawn_record
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_export
 from msnn.exports.export import target_named, write_export

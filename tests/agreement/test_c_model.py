@@ -12,7 +12,7 @@ from backends.c.host.build import build_library
 from backends.c.host.library import CStep
 from backends.c_lowering.options import Ring
 from backends.ports.step_interface import step_interface
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from tests.backends.c.c_programs import write_library
 from tests.conditions import require_tool

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.deviation import bits_of_each, worst_deviation
-from msnn.agreement.judging.judgement import FloatType
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judgement import FloatType, drawn_record
+from msnn.agreement.subject import bits_of_each, worst_deviation
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
 from msnn.exports.table import TARGETS

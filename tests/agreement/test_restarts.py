@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judgement import drawn_record
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model

@@ -10,8 +10,7 @@ import pytest
 
 import msnn
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.judging.judgement import FloatType
-from msnn.agreement.judging.record import agreement_record
+from msnn.agreement.judgement import FloatType, agreement_record
 from msnn.agreement.report import AgreementReport, agreement_diagnostics
 from msnn.exports.export import plan_exports
 from msnn.model.weights.weights_file import initial_weights

@@ -12,11 +12,11 @@ import pytest
 import msnn
 from backends.c import COptions
 from compiler.ir.program import Program
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judge import judge
-from msnn.agreement.judging.record import drawn_record
-from msnn.agreement.points import points
+from msnn.agreement.jacobian import points
+from msnn.agreement.judge import judge
+from msnn.agreement.judgement import drawn_record
 from msnn.exports.export import load_export, plan_exports, write_export
 from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model

@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 
 import msnn
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import FarStep, NoChoice
-from msnn.agreement.judging.judgement import FloatType
-from msnn.agreement.judging.record import agreement_record
+from msnn.agreement.agreement import Agreement, FarStep, NoChoice
+from msnn.agreement.judgement import FloatType, agreement_record
 from msnn.agreement.report import AgreementReport, agreement_diagnostics, agreement_table
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export

@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 
 import msnn
-from msnn.api.results.trainings import ShownTraining
 from msnn.api.shown_progress import NotebookLines, heard_by
+from msnn.api.trainings import ShownTraining
 from msnn.packages import PANDAS, OptionalPackage
 from msnn.project.new_project import new_project
 from msnn.training.records.progress import EpochEnd, Lines, Silent, StageEnd, StageStart
@@ -109,7 +109,7 @@ def test_frames_ask_for_pandas_by_the_line_that_installs_it(
     result: ShownTraining, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     missing = OptionalPackage("no_such_pandas", PANDAS.extra, PANDAS.purpose)
-    monkeypatch.setattr("msnn.api.results.shown.PANDAS", missing)
+    monkeypatch.setattr("msnn.api.results.PANDAS", missing)
     with pytest.raises(msnn.MissingExtraError) as caught:
         result.to_frame()
     assert "[pandas]" in "\n".join(caught.value._render_traceback_())

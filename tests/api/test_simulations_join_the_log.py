@@ -16,8 +16,7 @@ from asammdf import MDF, Signal
 
 import msnn
 from msnn.cli.application import run
-from msnn.simulation.simulate import Simulations, simulation_program
-from msnn.simulation.table import run_record, write_simulation
+from msnn.simulation.simulate import Simulations, run_record, simulation_program, write_simulation
 
 SPEC = """
 msnn: 1
@@ -195,7 +194,7 @@ def test_a_long_run_is_written_in_pieces(tmp_path: Path, monkeypatch: pytest.Mon
     runs = msnn.simulate(plant)
     widths = {"y": np.arange(40.0)}
     runs = Simulations(tuple(replace(run, bands=widths) for run in runs))
-    monkeypatch.setattr("msnn.simulation.table._ROWS", 7)
+    monkeypatch.setattr("msnn.simulation.simulate._ROWS", 7)
     found = table(tmp_path, plant, runs)
     check_rows(found, lambda name: pd.read_csv(tmp_path / name))
     assert found["row"].tolist() == list(range(40))
@@ -378,7 +377,7 @@ def test_plots_draw_over_the_time_of_the_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from msnn.reports import plotting
-    from msnn.reports.pictures.simulation import plot_simulation
+    from msnn.reports.simulation_plots import plot_simulation
 
     write(tmp_path, "a.csv", log(40))
     plant = model(tmp_path, "{source: {train: a.csv}, time: t, split: {by: fraction, val: 0.25}}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from backends.files.appended_file import AppendedFile
+from backends.files.atomic_write import AppendedFile
 from tests.full_disk import full_after
 
 

@@ -16,11 +16,10 @@ from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_source import kernel_source
 from backends.native.variables import Method, Rule, Variables
 from backends.raw_parameters import physical_slope, physical_value
-from backends.torch_module import parameters
+from backends.torch_module import module
 from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Parameter
-from msnn.model.weights.given_weights import weights_path
-from msnn.model.weights.weights_file import read_weights
+from msnn.model.weights.weights_file import read_weights, weights_path
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 
@@ -66,7 +65,7 @@ def test_the_map_ends_on_its_bounds_and_stays_between_them() -> None:
 def test_torch_stays_between_the_bounds_as_its_type_has_them(dtype: torch.dtype) -> None:
     for number, (low, high) in enumerate(pairs(1000)):
         raw = torch.tensor(raws(number), dtype=dtype)
-        found = parameters.physical_value(bounded(low, high), raw)
+        found = module.physical_value(bounded(low, high), raw)
         ends = torch.tensor([low, high], dtype=dtype)
         if torch.isfinite(ends[1] - ends[0]):
             assert torch.all((ends[0] <= found) & (found <= ends[1])), (low, high)
@@ -75,7 +74,7 @@ def test_torch_stays_between_the_bounds_as_its_type_has_them(dtype: torch.dtype)
 def test_slopes_of_torch_are_those_of_the_kernels_on_both_sides() -> None:
     for low, high in KNOWN[:5]:
         variable = torch.tensor(RAWS[1:-1], dtype=torch.float64, requires_grad=True)
-        parameters.physical_value(bounded(low, high), variable).sum().backward()
+        module.physical_value(bounded(low, high), variable).sum().backward()
         wanted = physical_slope(bounded(low, high), RAWS[1:-1])
         assert variable.grad is not None
         np.testing.assert_allclose(variable.grad.numpy(), wanted, rtol=1e-14, atol=1e-300)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from backends.files.compiler_words import complaints
+from backends.files.c_compiler import complaints
 
 WHAT_TO_SHOW = "> "
 SAID = {

@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 import pytest
 
-from backends.onnx_model.files import write_onnx
+from backends.onnx_model.model import write_onnx
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Output, Program, Role, Signal
 from compiler.ir.types import Type

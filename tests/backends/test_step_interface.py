@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from backends.files.readme import one_line, readme_text
+from backends.files.text_templates import one_line, readme_text
 from backends.ports.metadata import interface_metadata, metadata_text
 from backends.ports.step_interface import port_names, step_interface
 from compiler.ir.builder import GraphBuilder

@@ -14,9 +14,8 @@ import pytest
 import torch
 from safetensors import safe_open
 
-from backends.torch_module.files import write_torch
-from backends.torch_module.module import build_module
-from backends.torch_module.parameters import physical_value
+from backends.torch_module.module import build_module, physical_value
+from backends.torch_module.source import write_torch
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Program

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from backends.torch_module.module import TorchModel, build_module, gathered
-from backends.torch_module.parameters import physical_value
+from backends.torch_module.module import TorchModel, build_module, gathered, physical_value
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation

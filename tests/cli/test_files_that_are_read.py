@@ -16,7 +16,7 @@ from safetensors.numpy import save_file
 import msnn as api
 from msnn.cli.application import VERBS, application
 from msnn.cli.exit_codes import ExitCode
-from msnn.cli.manners import WRITTEN
+from msnn.cli.output_options import WRITTEN
 from msnn.project.new_project import new_project
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC

@@ -8,7 +8,7 @@ import pytest
 
 from msnn.cli.exit_codes import ExitCode
 from msnn.exports.table import NAMES
-from msnn.verification.serve_files import write_serve_files
+from msnn.verification.verify import write_serve_files
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC

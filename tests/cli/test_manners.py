@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.cli import manners
+from msnn.cli import output_options
 from msnn.cli.application import VERBS
 from msnn.tables import LINE_WIDTH, table_text
 from tests.cli.command_line import CommandLine, in_new_process
@@ -57,6 +57,49 @@ def test_every_verb_has_them(msnn: CommandLine, verb: str):
     assert said.code == 0
     for option in ("-q, --quiet", "-v, --verbose", "-o, --"):
         assert option in said.out or (option == "-o, --" and verb in ("init", "fmt")), option
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (("init", "new", "--data", "a.csv", "--predict", "x", "--predict=y"), "--predict"),
+        (("validate", SPEC, "--engine", "native", "--engine", "torch"), "--engine"),
+        (("train", SPEC, "-o", "a", "--out", "b"), "--out"),
+        (("show", SPEC, "-oa", "-ob"), "--output"),
+        (("check", SPEC, "--format", "json", "--format", "text"), "--format"),
+    ],
+)
+def test_an_option_of_one_value_takes_one(
+    msnn: CommandLine, project: Path, words: tuple[str, ...], option: str
+):
+    said = msnn(*words)
+    assert said.code == 2
+    assert f"`{option}` is given 2 times, and takes one value" in said.err
+
+
+def test_flags_and_options_of_many_values_may_be_repeated(msnn: CommandLine, project: Path):
+    settings = ("--set", "parameters.m.init=2", "--set", "train.0.epochs=1")
+    assert msnn("show", SPEC, "-q", "-q", *settings).code == 0
+
+
+def test_options_of_several_words_are_joined(msnn: CommandLine, project: Path):
+    out = ("--initial", "--out", "out")
+    assert msnn("export", SPEC, *out, "--to", "c", "--to=fmu,c", "--with", "jacobian").code == 0
+    assert {path.name for path in (project / "out").iterdir()} == {"c", "fmu"}
+    said = msnn("export", SPEC, *out, "--to", "c", "--with", "ros2", "--with", "nothing")
+    assert said.code == 2
+    assert "`nothing` is none of" in said.err
+    change = ("diff", SPEC, SPEC, "--set-new", "parameters.m.init=2")
+    assert msnn(*change, "--fail-on", "never", "--fail-on", "breaking").code == 0
+    assert msnn(*change, "--fail-on", "any", "--fail-on", "never").code == 1
+    assert msnn(*change).code == 1
+    for wrong in ("worst", ""):
+        said = msnn(*change, "--fail-on", "any" if wrong else "", "--fail-on", wrong)
+        assert said.code == 2
+        assert f"`{wrong}` is none of any, breaking, worse, never" in said.err
+    said = msnn("verify", "out/c", "--targets", "host", "--targets", "moon")
+    assert said.code == 2
+    assert "`moon` is none of" in said.err
 
 
 def test_the_result_goes_to_a_file(msnn: CommandLine, project: Path):
@@ -138,10 +181,10 @@ def test_a_table_that_is_wider_than_the_terminal_goes_on_below():
 
 def test_tables_are_folded_on_terminals_alone(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.stdout", io.StringIO())
-    assert manners.terminal_width() is None
+    assert output_options.terminal_width() is None
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
     monkeypatch.setenv("COLUMNS", "72")
-    assert manners.terminal_width() == 72
+    assert output_options.terminal_width() == 72
 
 
 def test_a_shell_completes_verbs_and_options(tmp_path: Path):

@@ -6,8 +6,7 @@ import io
 
 import pytest
 
-from msnn.cli import step_progress
-from msnn.cli.step_progress import StepProgress
+from msnn.cli.console import StepProgress
 from tests.cli.command_line import CommandLine
 from tests.conditions import require_tool
 
@@ -25,7 +24,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
-    monkeypatch.setattr(step_progress, "time", found)
+    monkeypatch.setattr("msnn.cli.console.time", found)
     return found
 
 
@@ -65,7 +64,7 @@ def test_long_ones_say_how_far_they_are_every_five_seconds(clock: Clock) -> None
 
 
 def test_a_terminal_has_one_line_that_goes(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(step_progress, "is_live", lambda _: True)
+    monkeypatch.setattr("msnn.cli.console.is_live", lambda _: True)
     stream = io.StringIO()
     with StepProgress(stream) as progress:
         for done in (10, 20, 30):

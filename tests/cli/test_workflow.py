@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from msnn.exports.table import NAMES
-from msnn.project.sample_data import DAMPING, MASS, STIFFNESS
+from msnn.project.new_project import DAMPING, MASS, STIFFNESS
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC, SUMMARY, change
 from tests.conditions import require_tool

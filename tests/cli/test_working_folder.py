@@ -35,7 +35,7 @@ NAMES = {
 EXAMINE = """
 from pathlib import Path
 
-from msnn.features.language_server.worker import CheckProcess
+from msnn.features.language_server.checks import CheckProcess
 
 if __name__ == "__main__":
     process = CheckProcess()

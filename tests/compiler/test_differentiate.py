@@ -13,7 +13,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
 from compiler.ir.program import Graph, NodeId, Output, Program, Role, Signal
 from compiler.ir.types import Type
-from compiler.passes.derivatives.guard_untaken import guard_untaken
+from compiler.passes.guard_derivatives import guard_untaken
 from tests.every_op.gradients import Problem, Variables, by_differences, problem
 from tests.every_op.record import Record
 from tests.every_op.records import RECORDS

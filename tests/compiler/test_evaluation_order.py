@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.evaluation_order import CycleError, evaluation_order
+from compiler.ir.nodes import CycleError, evaluation_order
 from compiler.ir.types import Type
 
 

@@ -10,7 +10,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Apply, Constant, Divide, Relation, Select
 from compiler.ir.program import NodeId, Output, Program, Role, Signal
 from compiler.ir.types import Type
-from compiler.passes.derivatives.guard_untaken import guard_untaken
+from compiler.passes.guard_derivatives import guard_untaken
 from tests.programs import SAMPLES
 
 LOG = {"x": np.array([-2.0, -0.0, 0.0, 0.5, 3.0, np.nan]), "y": np.array([1.0, -1, 0, 2, -3, 1])}

@@ -8,10 +8,10 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Graph, Output, Program, Role, Signal
-from compiler.ir.rules.verifier import verify
 from compiler.ir.types import Axis, Type
-from compiler.kernels.evaluate import evaluate
+from compiler.ir.verifier import verify
 from compiler.kernels.expand import expand_kernel
+from compiler.kernels.table import evaluate
 
 SPECIAL = np.array(
     [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 2.0, 1e-300, 1e300, np.inf, -np.inf, np.nan, 0.4375, 2.4375]

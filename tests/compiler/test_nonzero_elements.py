@@ -11,7 +11,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
 from compiler.ir.program import NodeId
 from compiler.ir.types import Axis, Type
-from compiler.jacobian.sparsity_pattern import nonzero_elements
+from compiler.jacobian.zeros import nonzero_elements
 from tests.every_op.record import Record
 from tests.every_op.records import RECORDS
 

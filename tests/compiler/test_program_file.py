@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.fit import Fit
 from compiler.ir.program import (
     Dimension,
     Expected,
+    Fit,
     Graph,
     LayerMemory,
     Loss,
@@ -29,9 +29,9 @@ from compiler.ir.program import (
     Role,
     Signal,
     State,
+    Statistic,
 )
 from compiler.ir.text import program_text
-from compiler.ir.training.known import Statistic
 from compiler.ir.types import Axis, Prediction, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
@@ -40,8 +40,8 @@ from compiler.program_file.file import (
     program_from_json,
     program_to_data,
     program_to_json,
+    read_program,
 )
-from compiler.program_file.reader import read_program
 from spec_schema.diagnostics.diagnostic import SpecError, describe
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.parser import parse_unit

@@ -8,8 +8,8 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Graph, Output, Parameter, Program, Role, Signal
-from compiler.ir.rules.verifier import verify
 from compiler.ir.types import WINDOW, Axis, Type
+from compiler.ir.verifier import verify
 from compiler.passes.close_loop import close_loop
 from compiler.passes.retime import retime
 from compiler.passes.to_step_form import to_step_form

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS, ByFormula, ScalarFunction
+from compiler.ir.scalars import SCALAR_FUNCTIONS, ByFormula, ScalarFunction
 
 ROWS = list(SCALAR_FUNCTIONS.values())
 

@@ -1,7 +1,7 @@
 """The names of the language and what the compiler does with them are the same set."""
 
 from compiler.builtins.table import LOWERINGS
-from compiler.ir.scalars.signatures import SIGNATURES
+from compiler.ir.scalars import SIGNATURES
 
 
 def test_every_builtin_is_lowered_and_nothing_else() -> None:

@@ -13,7 +13,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadParameter, ReadSignal, ReadState, Relation, Window
 from compiler.ir.program import Declared, NodeId, Output, Program, Role, Signal, State
 from compiler.ir.types import Axis, Type
-from compiler.passes.derivatives.guard_untaken import guard_untaken
+from compiler.passes.guard_derivatives import guard_untaken
 from tests.compiler.test_differentiate import by_program, log_of
 from tests.every_op.gradients import Problem, Variables, by_differences, problem
 from tests.every_op.record import Record

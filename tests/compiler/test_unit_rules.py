@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from compiler.ir.rules.unit_rules import (
+from compiler.ir.rules import (
     UnitConflict,
     function_unit,
     power_unit,
@@ -12,7 +12,7 @@ from compiler.ir.rules.unit_rules import (
     quotient_unit,
     sum_unit,
 )
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit
 

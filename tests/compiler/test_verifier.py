@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from compiler.ir import ops
+from compiler.ir.ops import StateAdjoint
 from compiler.ir.program import (
     Declared,
     Dimension,
@@ -25,10 +26,9 @@ from compiler.ir.program import (
     State,
     Tape,
 )
-from compiler.ir.rules.op_rules import LARGEST_SIZE, MOST_AXES
-from compiler.ir.rules.verifier import InvalidProgram, verify
-from compiler.ir.training.values import StateAdjoint
+from compiler.ir.rules import LARGEST_SIZE, MOST_AXES
 from compiler.ir.types import Axis, Kind, Prediction, Type
+from compiler.ir.verifier import InvalidProgram, verify
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
 from tests.programs import SAMPLES

@@ -9,7 +9,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
 from msnn.data.reading.load import load_data
 from spec_schema.reading.reader import read_spec
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Data
 from tests.programs import fir_closed_loop
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from msnn.data.reading.converted_cells import converted_cells
+from msnn.data.reading.columns import converted_cells
 from spec_schema.units.parser import parse_unit
 
 _CORNERS = (0.0, math.inf, -math.inf, 999.999999999999, 1000.0, 1e15, 123456789012345.0, 1e-200)

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 import msnn
-from msnn.data.formats.arrays.array_dates import dates_of
+from msnn.data.formats.arrays.array_columns import dates_of
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.moments import Moment
 

@@ -27,9 +27,7 @@ from msnn.data.reading.load import load_data
 from msnn.data.reading.row_filter import row_filters
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.sections.data.columns import Column
-from spec_schema.sections.data.data import Csv, Data, Source, TimeColumn
-from spec_schema.sections.data.splits import Split
+from spec_schema.sections.data import Column, Csv, Data, Source, Split, TimeColumn
 from tests.data import ulog_files as ulog
 
 Values = NDArray[np.float64]

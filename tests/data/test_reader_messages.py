@@ -14,7 +14,7 @@ from msnn.data.formats.isolation.message import ReadRequest, read_message, write
 from msnn.data.formats.table import ColumnTable, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from spec_schema.diagnostics.source import Span
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.units.parser import parse_unit
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +22,7 @@ RUN_CODE = {"pickle", "_pickle", "marshal", "shelve", "cloudpickle", "dill", "jo
 """Modules that make objects, and with them code, of bytes."""
 PLACE = Span(file="plant.msnn.yaml", line=3, column=7, end_line=3, end_column=9)
 REQUEST = ReadRequest(
-    module="msnn.data.formats.streams.mdf_file",
+    of="msnn.data.formats.streams.mdf_file",
     path=Path("/logs/läuft \udcff.mf4"),
     shown="läuft \udcff.mf4",
     wanted=WantedColumns(

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compiler.ir.liveness import Extent
+from compiler.ir.nodes import Extent
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import IntArray
-from msnn.data.scored import rows_that_count
-from msnn.data.starts import Reach, reach, rollouts
+from msnn.data.rollout_rows import Reach, reach, rollouts, rows_that_count
 from msnn.simulation.rollout_plan import set_rollouts
 from msnn.training.plans.stage_plan import plan_stages
 from spec_schema.diagnostics.diagnostic import Findings

@@ -19,7 +19,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 import msnn
-from msnn.data.formats.arrays.array_units import unit_beside
+from msnn.data.formats.arrays.array_attributes import unit_beside
 from msnn.data.formats.table_of_formats import FORMATS, format_of
 from msnn.data.reading.frames import frame_data
 from spec_schema.diagnostics.diagnostic import SpecError

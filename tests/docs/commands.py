@@ -11,7 +11,7 @@ from typing import Any, get_args
 from typer.models import ArgumentInfo, CommandInfo, ParameterInfo
 
 from msnn.cli.application import application
-from msnn.cli.manners import ADDED
+from msnn.cli.output_options import ADDED
 from tests.docs.markdown import apart, paragraph, prose, table
 
 Row = tuple[str, str, str]

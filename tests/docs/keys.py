@@ -9,20 +9,17 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from spec_schema.editors.key_docs import key_doc
+from spec_schema.editors.json_schema import key_doc
 from spec_schema.expressions.tree import Duration, Expression, Samples
-from spec_schema.fields.entry import Entry, OneOf
-from spec_schema.fields.entry_kinds import kinds_of, kinds_within
+from spec_schema.fields.entry import Entry, LateEntry, OneOf, kinds_of, kinds_within
 from spec_schema.fields.formulas import Prediction
-from spec_schema.fields.late_entry import LateEntry
-from spec_schema.fields.located import Choice, Located
-from spec_schema.sections.data.columns import ColumnName
-from spec_schema.sections.data.splits import Blocks, Fraction
-from spec_schema.sections.dimensions import Dimension
+from spec_schema.fields.leaf import Choice, Located
+from spec_schema.sections.data import Blocks, ColumnName, Fraction
+from spec_schema.sections.optimizers import OptionValue
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Freeze
-from spec_schema.sections.training.curriculum import Curriculum
-from spec_schema.sections.training.optimizers import OptionValue
+from spec_schema.sections.training import Curriculum
+from spec_schema.sections.values import Dimension
 from spec_schema.units.quantity import Quantity, Range
 from spec_schema.units.unit import Unit
 from tests.docs.markdown import apart, paragraph, prose, table, wrapped

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import compiler.layers
 from compiler.elaboration.compile import compile_spec
-from compiler.interpreter.constant_value import constant_value
+from compiler.interpreter.operations import constant_value
 from compiler.ir.program import Graph, Parameter, Program, State
 from compiler.ir.types import UNNAMED, WINDOW, Axis
-from spec_schema.fields.entry_kinds import kinds_of
+from spec_schema.fields.entry import kinds_of
 from spec_schema.reading.reader import read_spec
-from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.layers import Layer
 from spec_schema.sections.spec import Spec
 from spec_schema.units.unit import Unit
 from tests.docs.keys import options

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from spec_schema.fields.entry_kinds import kinds_within
-from spec_schema.sections.layers.layer import Layer
+from spec_schema.fields.entry import kinds_within
+from spec_schema.sections.layers import Layer
 from spec_schema.sections.spec import Spec
 from tests.docs.diagnostics import all_messages
 from tests.docs.keys import known_keys, link

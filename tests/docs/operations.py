@@ -8,10 +8,9 @@ from typing import get_args
 
 from backends.casadi_function import function as casadi_function
 from backends.onnx_model import draft as onnx_draft
-from backends.torch_module.operations import NATIVE_FUNCTIONS
+from backends.torch_module.lowering import NATIVE_FUNCTIONS
 from compiler.ir.ops import Op, ReadTraining
-from compiler.ir.scalars.signatures import SIGNATURES
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS, ScalarFunction
+from compiler.ir.scalars import SCALAR_FUNCTIONS, SIGNATURES, ScalarFunction
 from tests.docs.markdown import paragraph, table
 from tests.every_op.records import OP_RECORDS, RECORDS
 

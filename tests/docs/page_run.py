@@ -11,7 +11,8 @@
 | any, `run by: FILE` | is left to that test, which names the page |
 | any, `not run: WHY` | is read: shell by its grammar and the options of msnn, TOML by a parser |
 
-`before:` and `after:` are commands that readers are not shown; `$ROOT` is the repository.
+`before:` and `after:` are commands that readers are not shown; `$ROOT` is the repository. Packages
+that they put into the folder `site-packages` are installed for the commands of the page.
 """
 
 from __future__ import annotations
@@ -25,12 +26,14 @@ from pathlib import Path
 
 import yaml
 
-from backends.native.kernel_cache.folders import cache_folder
+from backends.native.kernel_cache import cache_folder
 from tests.docs.blocks import Block
 from tests.docs.printed import compared
 from tests.docs.shell_grammar import wrong_in_shell
 
 ROOT = Path(__file__).resolve().parents[2]
+INSTALLED = "site-packages"
+"""The folder, in that of a page, in which its hidden commands install packages."""
 
 
 @dataclass
@@ -142,7 +145,7 @@ class PageRun:
         environment = {
             **os.environ,
             "PATH": os.pathsep.join(map(str, folders)),
-            "PYTHONPATH": str(ROOT),
+            "PYTHONPATH": os.pathsep.join((str(ROOT), str(self.folder / INSTALLED))),
             "ROOT": str(ROOT),
             "HOME": str(self.home),
             "MSNN_CACHE": str(cache_folder()),  # what one page has compiled others load

@@ -11,10 +11,10 @@ from msnn.cli.application import VERBS
 from msnn.data.formats.table_of_formats import FORMATS
 from msnn.exports.table import TARGETS
 from msnn.packages import OptionalPackage
-from spec_schema.fields.entry_kinds import kinds_of, kinds_within
-from spec_schema.sections.layers.layer import Layer
+from spec_schema.fields.entry import kinds_of, kinds_within
+from spec_schema.sections.layers import Layer
+from spec_schema.sections.optimizers import Optimizer
 from spec_schema.sections.spec import Spec
-from spec_schema.sections.training.optimizers import Optimizer
 from tests.docs.diagnostics import all_messages
 from tests.docs.keys import known_keys
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from tests.every_op.elementwise_records import elementwise
 from tests.every_op.record import SMOOTH_ROWS, Array, Record
 from tests.every_op.samples import with_special

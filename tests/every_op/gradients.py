@@ -18,8 +18,7 @@ from backends.ports.step_interface import StepInterface, step_interface
 from backends.torch_module.module import build_module
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
-from compiler.jacobian.interpret import JacobianInterpreter
-from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.passes.to_step_form import to_step_form
 from tests.every_op.runners import Log
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Contract, Relation
 from compiler.ir.program import Declared, NodeId, Output, Parameter, Program, Role, Signal, State
-from compiler.ir.rules.alignment import AxisConflict
+from compiler.ir.rules import AxisConflict
 from compiler.ir.types import UNNAMED, WINDOW, Axis, Type, in_order
 
 JOINT, BASIS = Axis("joint", 3), Axis("basis", 2)

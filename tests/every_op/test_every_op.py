@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from compiler.ir.ops import Op, Relation
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from tests.every_op.agreement import assert_agrees, assert_same_bits
 from tests.every_op.record import Record
 from tests.every_op.records import FUNCTION_RECORDS, OP_RECORDS, RECORDS

@@ -13,13 +13,12 @@ from backends.c import COptions
 from backends.c.interface.status import StatusBit
 from compiler.differentiation.forward_mode import tangents
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import with_step
+from compiler.ir.builder import GraphBuilder, with_step
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Output, Program
 from compiler.ir.types import Axis
-from compiler.passes.derivatives.guard_infinite_slopes import STEEP
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.guard_derivatives import STEEP
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.simulation.linearize import linearize
 from tests.backends.c.c_programs import built

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
-from compiler.ir.rules.verifier import verify
+from compiler.ir.verifier import verify
 from tests.every_op.gradients import by_casadi, by_jacobian, by_torch, problem
 from tests.every_op.random_programs import programs
 from tests.every_op.runners import Runner, run_casadi, run_onnx, run_torch

@@ -17,12 +17,11 @@ import pytest
 
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judgement import FloatType
-from msnn.agreement.judging.record import AgreementRecord
+from msnn.agreement.judgement import AgreementRecord, FloatType
 from msnn.data.reading.load import load_data
-from msnn.data.starts import reach
+from msnn.data.rollout_rows import reach
 from msnn.model.load import load_model
 from msnn.training.train import TrainingOptions, train
 from tests.agreement.exported import checked, plan_of

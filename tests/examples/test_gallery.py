@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from compiler.ir.ops import Apply
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from msnn.cli.application import run
 from msnn.model.load import load_model
-from spec_schema.sections.integrators import Integrator
-from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.layers import Layer
+from spec_schema.sections.spec import Integrator
 from tests.conditions import require_tool
 from tests.examples.gallery import GALLERY, NAMES, gallery_copy, spec_of
 

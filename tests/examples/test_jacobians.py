@@ -9,12 +9,11 @@ import pytest
 from backends.casadi_function.function import build_function, casadi_names
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
-from compiler.jacobian.interpret import JacobianInterpreter
-from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.jacobian.matrices import Matrix
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judge import Arrays, judge
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judge import Arrays, judge
+from msnn.agreement.judgement import drawn_record
 from msnn.exports.export import plan_exports
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import Findings

@@ -12,7 +12,7 @@ import pytest
 
 import msnn
 from msnn.cli.application import run
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.method import Status
 from tests.conditions import require_tool
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "mpc_tank"

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from backends.native.rollouts import sensitivity_kernel
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel, StackTooSmallError
+from backends.native import sensitivity_kernel
+from backends.native.sensitivity_kernel import SensitivityKernel, StackTooSmallError
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.interpreter.interpreter import Interpreter
 from msnn.cli.application import run
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.model.load import load_model
 from msnn.simulation.engines.kernel_check import check_sensitivities
 from msnn.training.plans.stage_plan import plan_stages

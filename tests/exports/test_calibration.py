@@ -18,7 +18,6 @@ from msnn.cli.application import run
 from msnn.exports.export import write_export
 from msnn.exports.target import Written
 from msnn.model.weights.weights_file import initial_weights
-from msnn.verification.host import levels
 from tests.cli.command_line import CommandLine
 from tests.cli.conftest import msnn as msnn
 from tests.conditions import require_package, require_tool
@@ -177,7 +176,7 @@ def test_verification_finds_nothing_in_the_values_and_their_checksum(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # all five have their turn in tests/verification
-    monkeypatch.setattr(levels, "LEVELS", ("-O2",))
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", ("-O2",))
     for tool in ("gcc", "gcov", "clang", "cppcheck"):
         require_tool(tool, install=f"apt install {tool}")
     spec = spec_of(GALLERY, "engine_map")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import msnn
 from compiler.interpreter.interpreter import Interpreter
 from compiler.passes.close_loop import close_loop
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.exports.check import check_export
 from msnn.exports.describe import exports_text

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judgement import drawn_record
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.check import check_export
 from msnn.exports.export import load_export, plan_exports, target_named, write_export
-from msnn.exports.running.fmu_instance import FmuInstance, fmu_instance
+from msnn.exports.running.loaded_fmu import FmuInstance, fmu_instance
 from msnn.exports.target import AnyPlan, Written
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights

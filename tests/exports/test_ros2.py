@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from backends.c.host.build import build_library
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judgement import drawn_record
 from msnn.exports.export import load_export, plan_exports, write_export
 from msnn.exports.target import AnyPlan, Written
 from msnn.model.load import load_model

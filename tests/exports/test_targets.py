@@ -15,11 +15,11 @@ from msnn.exports.describe import exports_text
 from msnn.exports.export import plan_exports, target_named, target_names, write_export
 from msnn.exports.table import EXTRAS, NAMES, TARGETS, ListedTarget
 from msnn.exports.target import AnyPlan
-from msnn.features.control.keys.export import OnlineExtra
+from msnn.features.control.keys import OnlineExtra
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
-from spec_schema.fields.entry_kinds import kinds_of
+from spec_schema.fields.entry import kinds_of
 from spec_schema.sections.exports import Export, Extra
 
 VERB = "msnn/cli/verbs/export.py"

@@ -11,7 +11,7 @@ import pytest
 
 from backends.fmu.binary import HEADERS
 from msnn.exports.export import plan_exports, write_export
-from msnn.exports.running.fmu_instance import fmu_instance
+from msnn.exports.running.loaded_fmu import fmu_instance
 from msnn.exports.target import Written
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights

@@ -12,21 +12,21 @@ import msnn
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import Contract
 from compiler.ir.program import Program, Role
-from compiler.ir.rules.verifier import verify
 from compiler.ir.types import Type
+from compiler.ir.verifier import verify
 from compiler.passes.analyses.kept_slices import cut_weights
-from compiler.passes.pruning.prune_outputs import prune_outputs
-from compiler.passes.pruning.prune_zero_slices import prune_zero_slices
+from compiler.passes.prune_zero_slices import prune_zero_slices
+from compiler.passes.simplify import prune_outputs
 from msnn.cli.application import run
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_exports
 from msnn.exports.export import plan_exports, target_names, write_export
 from msnn.exports.table import NAMES
-from msnn.features.comparison.cost import c_cost
+from msnn.features.comparison.trial import c_cost
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.reports.run_summary import read_run, run_text
-from msnn.verification.tools import ARM_GCC, ARM_QEMU, GCC
+from msnn.verification.proof_step import ARM_GCC, ARM_QEMU, GCC
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import miss, require_tool
 

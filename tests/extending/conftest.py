@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from msnn.data.formats.isolation.reader import end_readers
 from spec_schema import plugins
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "plugin"
@@ -33,6 +34,7 @@ def install(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monkey
     plugins.forget()
     yield installed
     plugins.forget()
+    end_readers()
     for name in set(sys.modules) - modules:
         if str(getattr(sys.modules[name], "__file__", "")).startswith((str(site), str(EXAMPLE))):
             del sys.modules[name]

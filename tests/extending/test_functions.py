@@ -115,6 +115,9 @@ FEATURE = Feature(name="stranger", functions=tuple(
     found = plugins.look_up()
     assert len(found.warnings) == 4
     assert "the function `tanh` of the package stranger" in found.warnings[0].message
+    assert {w.message.partition(": ")[2] for w in found.warnings} == {
+        "msnn has a function of this name"
+    }
     assert found.found[0].keys == {("function", "fine")}
     # nor in a process that has not imported the compiler, such as that of `msnn doctor`
     program = "from spec_schema.plugins import look_up\nprint(*look_up().found[0].keys)"

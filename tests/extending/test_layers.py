@@ -64,6 +64,27 @@ def test_a_program_names_the_plugin_of_a_layer(tmp_path: Path):
     assert load(write_program_file(model, tmp_path)).program.plugins == model.program.plugins
 
 
+@pytest.mark.usefixtures("example")
+def test_sub_models_have_arrays_of_their_own(tmp_path: Path):
+    spec_file(tmp_path, SPEC)
+    (tmp_path / "whole.msnn.yaml").write_text(
+        "msnn: 1\nname: whole\nsample_time: 1 s\n"
+        "use: {a: {spec: m.msnn.yaml}, b: {spec: m.msnn.yaml}}\ninputs: {u: {range: [-1, 1]}}\n"
+        "connect: {a.u: u, b.u: a.y}\noutputs: {y: b.y}\n"
+    )
+    program = load(tmp_path / "whole.msnn.yaml").program
+    assert [parameter.name for parameter in program.parameters] == ["a.f.width", "b.f.width"]
+    assert [plugin.package for plugin in program.plugins] == ["msnn-example"]
+
+
+@pytest.mark.usefixtures("example")
+@pytest.mark.parametrize("cell", ["{dead_zone: {width: 0.1}}", "dead_zone"])
+def test_a_cell_of_a_local_model_is_a_layer_of_ours(cell: str, tmp_path: Path):
+    layer = f"{{local_model: {{by: s(u), cell: {cell}}}}}, s: {{fuzzify: {{centers: [-1, 1]}}}}"
+    with pytest.raises(SpecError, match="unknown key `dead_zone` in a cell"):
+        load(spec_file(tmp_path, SPEC.replace("{dead_zone: {width: 0.1}}", layer)))
+
+
 @pytest.mark.usefixtures("install")
 def test_a_layer_of_no_plugin_is_an_unknown_key(tmp_path: Path):
     with pytest.raises(SpecError, match="unknown key `dead_zone` in a layer"):
@@ -106,4 +127,4 @@ FEATURE = Feature(name="stranger", layers=(
         True
     ]
     (line,) = found.found[0].feature.layers[:1]
-    assert layers.rule_of(line.entry.kind) is line.rule.value
+    assert layers.rule_of(line.entry.kind).settings is line.entry.kind

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,12 @@ FEATURE = Feature(name="stranger", targets=(
 ))
 """
 
+VERB = """
+from msnn.extending import Feature, LateObject, VerbLine
+
+FEATURE = Feature(name="a", verbs=(VerbLine("weigh", "", LateObject(__name__, "{command}")),))
+"""
+
 
 def spec_file(folder: Path, text: str) -> Path:
     file = folder / "m.msnn.yaml"
@@ -73,6 +80,8 @@ def test_a_spec_of_our_names_looks_up_nothing(tmp_path: Path):
     file = spec_file(tmp_path, f"{PLAIN}x-note: mine\nexport: {{c: {{}}}}\n")
     assert run(["check", str(file), "--set", "export.c.dtype=float32"]) == 0
     assert run(["show", str(file)]) == 0
+    assert run(["check", "--help"]) == 0
+    assert run(["--version"]) == 0
     out = str(tmp_path / "out")
     assert run(["export", str(file), "--initial", "--to", "c", "--out", out]) == 0
 
@@ -119,11 +128,33 @@ def test_tools_know_the_keys_of_plugins(capsys: pytest.CaptureFixture[str]):
     assert run(["schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
     assert "budget" in schema["properties"]
-    assert run(["doctor"]) == 0
-    assert "msnn-example" in capsys.readouterr().out
     plugins.forget()
     assert run(["schema"]) == 0
     assert "budget" in json.loads(capsys.readouterr().out)["properties"]
+
+
+@pytest.mark.usefixtures("example")
+def test_doctor_lists_all_that_plugins_bring(capsys: pytest.CaptureFixture[str]):
+    brings = [
+        ("format", ".jsonl"),
+        ("format", ".ndjson"),
+        ("function", "lerp"),
+        ("layer", "dead_zone"),
+        ("section", "budget"),
+        ("target", "datasheet"),
+        ("verb", "operations"),
+    ]
+    assert run(["doctor"]) == 0
+    listed = ", ".join(f"{kind} {name}" for kind, name in brings)
+    assert re.search(f"^msnn-example +0.1.0 +plug-in: {listed}$", capsys.readouterr().out, re.M)
+    assert run(["doctor", "--format", "json"]) == 0
+    assert json.loads(capsys.readouterr().out)["plugins"] == [
+        {
+            "package": "msnn-example",
+            "version": "0.1.0",
+            "brings": [{"kind": kind, "name": name} for kind, name in brings],
+        }
+    ]
 
 
 def test_a_plugin_that_is_gone_leaves_no_key(
@@ -136,18 +167,27 @@ def test_a_plugin_that_is_gone_leaves_no_key(
     assert "budget" not in json.loads(capsys.readouterr().out)["properties"]
 
 
+OURS = "msnn has a section or a word of its own with this name"
+
+
 @pytest.mark.parametrize(
-    "key", ["train", "mpc", "checks", "of", "model_fields", "x-mine", "budget"]
+    ("key", "reason"),
+    [
+        *((key, OURS) for key in ("train", "mpc", "checks", "of", "model_fields")),
+        ("x-mine", "it is no name, which has letters, digits and `_`"),
+        ("", "it is no name, which has letters, digits and `_`"),
+        ("budget", "the package msnn-example has this section already"),
+    ],
 )
 def test_a_name_that_is_taken_is_left_out_with_a_warning(
-    key: str, example: None, install: Install, tmp_path: Path
+    key: str, reason: str, example: None, install: Install, tmp_path: Path
 ):
     record = RECORD.format(key=key, module="stranger")
     install("stranger", {"stranger.py": record}, "stranger:FEATURE")
     found = plugins.look_up()
     (warning,) = found.warnings
     assert warning.code == "W0222"
-    assert f"the section `{key}` of the package stranger is left out" in warning.message
+    assert warning.message == (f"the section `{key}` of the package stranger is left out: {reason}")
     # the others work
     assert load(spec_file(tmp_path, BUDGET)).problems.keys() == {"budget"}
 
@@ -174,7 +214,15 @@ def test_a_name_that_is_taken_is_left_out_with_a_warning(
             RECORD.format(key="fine", module="broken").replace('"Keys")', '"SECTION")'),
             "`broken:SECTION` is no class with the base Entry",
         ),
+        (
+            RECORD.format(key="fine", module="broken").replace("    pass", "    size: 'Gone'"),
+            "name 'Gone' is not defined",
+        ),
         (TARGET.format(key="fine", name="other"), "the target of the line `fine` has another name"),
+        (
+            VERB.format(command="VerbLine"),
+            "the verb of the line `weigh` is no function and no typer.Typer",
+        ),
     ],
 )
 def test_a_plugin_that_fails_is_named_and_left_out(
@@ -196,7 +244,14 @@ def test_a_plugin_that_fails_is_named_and_left_out(
 def test_a_target_cannot_be_called_all(install: Install):
     install("stranger", {"stranger.py": TARGET.format(key="all", name="all")}, "stranger:FEATURE")
     (warning,) = plugins.look_up().warnings
-    assert "the target `all` of the package stranger is left out" in warning.message
+    assert warning.message.endswith("is left out: `all` means every target of msnn")
+
+
+def test_a_name_that_a_package_brings_twice_is_left_out(install: Install):
+    text = RECORD.format(key="fine", module="stranger").replace("sections=(", "sections=2 * (")
+    install("stranger", {"stranger.py": text}, "stranger:FEATURE")
+    (warning,) = plugins.look_up().warnings
+    assert warning.message.endswith("is left out: the package brings it twice")
 
 
 def test_a_program_file_names_the_package_that_is_missing(example: None, tmp_path: Path):

@@ -13,10 +13,11 @@ from msnn.api.models import load
 from msnn.cli.application import run
 from msnn.exports.export import target_names
 from msnn.exports.table import NAMES
-from msnn.features.changes.export_changes import export_changes
+from msnn.features.changes.interface_changes import export_changes
+from msnn.reports.compare_specs import compare_specs
 from spec_schema import plugins
 from tests.extending.conftest import Install
-from tests.extending.test_plugins import BUDGET, PLAIN, spec_file
+from tests.extending.test_plugins import BUDGET, PLAIN, TARGET, spec_file
 
 SHEET = f"{PLAIN}export: {{datasheet: {{}}}}\n"
 WITH = "# made by msnn 0.1.0 with msnn-example 0.1.0"
@@ -109,6 +110,8 @@ def test_changes_of_a_target_of_a_plugin_are_seen(tmp_path: Path):
     )
     (change,) = export_changes(old, new)
     assert (change.part, change.what) == ("export datasheet", "dtype")
+    # a target that is added changes the workflow and not the model
+    assert compare_specs(load(spec_file(tmp_path, PLAIN)), old).kind == "workflow"
 
 
 @pytest.mark.usefixtures("example")
@@ -123,3 +126,18 @@ def test_a_spec_read_before_the_look_up_is_exported(
     plugins.look_up()
     assert target_names([], model.spec.export) == ("c",)
     assert not list(model.spec.sections())
+
+
+@pytest.mark.usefixtures("example")
+def test_the_help_lists_it_with_its_package(capsys: pytest.CaptureFixture[str]):
+    assert run(["export", "--help"]) == 0
+    _, _, listed = capsys.readouterr().out.partition("\nTargets of plug-ins:\n")
+    assert listed == "  datasheet  a data sheet in Markdown (msnn-example 0.1.0)\n"
+
+
+def test_the_help_leaves_out_what_is_taken(install: Install, capsys: pytest.CaptureFixture[str]):
+    install("stranger", {"stranger.py": TARGET.format(key="onnx", name="onnx")}, "stranger:FEATURE")
+    assert run(["export", "--help"]) == 0
+    said = capsys.readouterr()
+    assert "plug-ins" not in said.out
+    assert "the target `onnx` of the package stranger is left out" in said.err

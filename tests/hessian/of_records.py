@@ -9,15 +9,15 @@ import numpy as np
 import torch
 
 from backends.torch_module.module import build_module
-from compiler.hessian.interpret import DerivativeInterpreter, DerivativeValues
 from compiler.hessian.step_derivatives import (
+    DerivativeInterpreter,
+    DerivativeValues,
     StepDerivatives,
     multiplier,
     next_value,
     step_derivatives,
 )
-from compiler.jacobian.interpret import JacobianInterpreter
-from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.jacobian.matrices import Jacobian
 from tests.every_op.gradients import Array, Problem, Variables, log_of_members
 

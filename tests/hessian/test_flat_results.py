@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiler.hessian.interpret import DerivativeInterpreter
-from compiler.hessian.step_derivatives import multiplier, step_derivatives
+from compiler.hessian.step_derivatives import DerivativeInterpreter, multiplier, step_derivatives
 from tests.language.compiled import compiled
 
 SPEC = """

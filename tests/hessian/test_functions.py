@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from compiler.hessian.second_slopes import second_slopes
+from compiler.hessian.curvature import second_slopes
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Output, Program, Role, Signal
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.ir.types import Type
 from tests.kernels.references import EXACT
 

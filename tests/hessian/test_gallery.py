@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from backends.casadi_function.function import build_function, casadi_names
-from compiler.hessian.interpret import DerivativeInterpreter
 from compiler.hessian.step_derivatives import (
+    DerivativeInterpreter,
     StepDerivatives,
     multiplier,
     next_value,
@@ -16,8 +16,8 @@ from compiler.hessian.step_derivatives import (
 )
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
-from msnn.agreement.judging.judge import Arrays, judge
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judge import Arrays, judge
+from msnn.agreement.judgement import drawn_record
 from tests.examples.test_jacobians import PROGRAMS
 
 STEPS = 5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.passes.derivatives.smooth_kinks import WIDTH, smooth_kinks
+from compiler.passes.smooth_kinks import WIDTH, smooth_kinks
 from msnn.simulation.linearize import linearize
 from tests.language.compiled import compiled
 

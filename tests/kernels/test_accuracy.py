@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from compiler.kernels.evaluate import evaluate
-from compiler.kernels.table import KERNELS
+from compiler.kernels.table import KERNELS, evaluate
 from tests.kernels import references
 from tests.kernels.references import EXACT, NUMPY, double_error, float_errors
 from tests.kernels.samples import arguments

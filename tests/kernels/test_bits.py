@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.kernels.evaluate import evaluate
-from compiler.kernels.table import KERNELS
+from compiler.kernels.table import KERNELS, evaluate
 from compiler.kernels.tables.formats import RealName
 from tests.conditions import require_tool
 from tests.kernels.builds import Array, compile_loops, same_bits

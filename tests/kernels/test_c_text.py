@@ -9,7 +9,7 @@ import pytest
 from backends.c_kernels.sources import c_sources
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import FORMATS, RealName
-from msnn.verification.host.host_checks import MISRA
+from msnn.verification.host_checks import MISRA
 from tests.conditions import require_tool
 from tests.golden import assert_golden
 from tests.kernels.builds import STRICT, write_sources

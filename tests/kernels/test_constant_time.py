@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.kernels.evaluate import evaluate
-from compiler.kernels.table import KERNELS
+from compiler.kernels.table import KERNELS, evaluate
 from compiler.kernels.tables.formats import FORMATS, RealName
 from compiler.kernels.trace.run_routine import run_routine
-from compiler.kernels.trace.subroutine import trace
-from compiler.kernels.trace.without_branches import without_branches
+from compiler.kernels.trace.statements import without_branches
+from compiler.kernels.trace.values import trace
 from tests.conditions import require_tool
 from tests.kernels.builds import STRICT, compile_loops, same_bits, write_sources
 from tests.kernels.samples import arguments

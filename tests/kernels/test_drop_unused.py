@@ -1,6 +1,5 @@
 """Statements that nothing uses leave the routine, the others stay in order."""
 
-from compiler.kernels.trace.drop_unused import drop_unused
 from compiler.kernels.trace.statements import (
     Assign,
     Binary,
@@ -10,6 +9,7 @@ from compiler.kernels.trace.statements import (
     Local,
     Operator,
     ValueKind,
+    drop_unused,
 )
 
 ONE = Constant(ValueKind.REAL, 1.0)

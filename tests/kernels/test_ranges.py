@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.kernel_accuracy.changed_constants import changed_constants
-from compiler.kernels.evaluate import routine
-from compiler.kernels.table import KERNELS
+from compiler.kernels.table import KERNELS, routine
 from compiler.kernels.tables.formats import FORMATS, RealName
 from compiler.kernels.trace.statements import (
     Assign,

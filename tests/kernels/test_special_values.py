@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from compiler.kernels.evaluate import evaluate
-from compiler.kernels.table import KERNELS
+from compiler.kernels.table import KERNELS, evaluate
 from tests.kernels.builds import same_bits
 from tests.kernels.samples import arguments
 

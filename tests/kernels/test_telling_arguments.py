@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from backends.c.selftest.kernel_cases import kernel_cases
+from backends.c.selftest.selftest_text import kernel_cases
 from benchmarks.kernel_accuracy.changed_constants import changed_constants
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
-from compiler.kernels.evaluate import routine
+from compiler.ir.scalars import SCALAR_FUNCTIONS
+from compiler.kernels.table import routine
 from compiler.kernels.tables.formats import FORMATS, RealName
 from compiler.kernels.trace.run_routine import run_routine
 from compiler.kernels.trace.statements import Routine

@@ -39,10 +39,9 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Loss, Measure, Program
 from compiler.ir.types import Axis
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judge import judge
-from msnn.agreement.judging.judgement import FloatType
-from msnn.agreement.judging.record import AgreementRecord
-from msnn.data.starts import reach
+from msnn.agreement.judge import judge
+from msnn.agreement.judgement import AgreementRecord, FloatType
+from msnn.data.rollout_rows import reach
 from msnn.exports.export import load_export, write_export
 from msnn.simulation.engines.engine import EngineName
 from spec_schema.reading.reader import read_spec

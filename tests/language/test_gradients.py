@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import ArrayLike
 
-from compiler.elaboration.gradient_variables import gradient_variables
+from compiler.elaboration.lower_spec import gradient_variables
 from compiler.interpreter.interpreter import Interpreter
 from spec_schema.reading.reader import read_spec
 from tests.language.compiled import Array, codes, compiled, evaluated, simulated

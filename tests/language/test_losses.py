@@ -6,7 +6,7 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Measure
 from compiler.ir.types import Prediction
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import loss_sums
 from tests.language.compiled import Array, codes, compiled, warnings_of
 

@@ -51,9 +51,8 @@ def test_the_slope_of_a_saturated_state_is_1_on_the_bound() -> None:
         states: {s: {next: "p * u", range: [-1, 1], on_range: saturate}}
         outputs: {y: next(s)}
     """
-    from compiler.jacobian.interpret import JacobianInterpreter
-    from compiler.jacobian.jacobian import jacobian
-    from compiler.passes.pruning.prune_outputs import prune_outputs
+    from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
+    from compiler.passes.simplify import prune_outputs
 
     program = prune_outputs(compiled(text), ["y"])
     linear = JacobianInterpreter(jacobian(program, parameters=False), program, {}, "float64")

@@ -15,8 +15,8 @@ from backends.c.interface.status import StatusBit
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.passes.limit_expected import limit_expected
-from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from compiler.program_file.file import program_from_json, program_to_json
 from msnn.features.fixed_point.compile.compile_integers import integer_program

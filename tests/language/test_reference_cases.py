@@ -6,7 +6,7 @@ import pytest
 
 from msnn.exports.table import TARGETS
 from msnn.simulation.engines.engine import EngineName
-from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.layers import Layer
 from tests.conditions import require_tool
 from tests.language.reference_case import (
     BACKENDS,

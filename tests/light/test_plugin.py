@@ -22,6 +22,7 @@ inputs: {u: {range: [-1, 1]}}
 outputs: {y: 2 * u}
 budget: {operations: 20}
 export: {datasheet: {}}
+data: {source: {train: log.jsonl}}
 """
 
 
@@ -50,12 +51,15 @@ def environment(wheel: zipfile.ZipFile, tmp_path_factory: pytest.TempPathFactory
 
 def test_the_example_works_where_pip_installed_it(environment: Path, tmp_path: Path):
     (tmp_path / "m.msnn.yaml").write_text(SPEC)
+    (tmp_path / "log.jsonl").write_text("".join(f'{{"u": {k / 10}}}\n' for k in range(9)))
     msnn = str(environment / "bin" / "msnn")
     assert "budget: 3 of 20 operations" in _run(msnn, "show", "m.msnn.yaml", cwd=tmp_path)
     _run(msnn, "export", "m.msnn.yaml", "--initial", "--out", "out", cwd=tmp_path)
     sheet = (tmp_path / "out" / "datasheet" / "m.md").read_text()
     assert "with msnn-example 0.1.0" in sheet
+    assert "u                    9" in _run(msnn, "data", "m.msnn.yaml", cwd=tmp_path)
     assert "msnn-example" in _run(msnn, "doctor", cwd=tmp_path)
+    assert "Multiply         1" in _run(msnn, "operations", "m.msnn.yaml", cwd=tmp_path)
 
 
 def _run(*command: str, cwd: Path | None = None) -> str:

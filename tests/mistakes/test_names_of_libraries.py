@@ -7,9 +7,8 @@ import re
 import pytest
 
 import msnn
-from compiler.ir.scalars.signatures import SIGNATURES
-from spec_schema.expressions.language import ELSEWHERE
-from spec_schema.expressions.names_elsewhere import FORMULAS
+from compiler.ir.scalars import SIGNATURES
+from spec_schema.expressions.language import ELSEWHERE, FORMULAS
 
 SPEC = """msnn: 1
 name: m

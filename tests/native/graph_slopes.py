@@ -13,16 +13,19 @@ import numpy as np
 import torch
 
 from backends.torch_module.module import build_module
-from compiler.differentiation.interpreted_products import interpreted_products
-from compiler.differentiation.interpreted_training import InterpretedLosses, InterpretedTraining
+from compiler.differentiation.interpreted_training import (
+    InterpretedLosses,
+    InterpretedTraining,
+    interpreted_products,
+)
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import is_sum_of_squares, with_compared_squares
 from compiler.differentiation.training_step import training_step
-from compiler.interpreter.bounded_rollouts import Rollouts
 from compiler.interpreter.interpreter import Interpreter
+from compiler.interpreter.rounding import Rollouts
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import loss_sums
 from msnn.training.engines.torch.torch_losses import batch_losses, scoring
 

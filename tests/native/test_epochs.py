@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from backends.native.kernel import Kernel
-from backends.native.lanes.lane_groups import lane_groups
-from msnn.training.plans.epoch_order import order_key, shuffled
+from backends.native.kernel_data import lane_groups
+from msnn.training.plans.epochs import order_key, shuffled
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 

@@ -7,7 +7,7 @@ import pytest
 
 from backends import raw_parameters
 from compiler.ir.program import Parameter
-from compiler.kernels.evaluate import evaluate
+from compiler.kernels.table import evaluate
 
 
 @pytest.mark.parametrize("value", [0.0, -0.0, 1.0, 1e-300, 39.9, np.inf, np.nan])

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from backends.c_kernels.operand_uses import operands
+from backends.c_kernels.routine import operands
 from backends.c_language.tree import (
     Binary,
     CType,
@@ -19,14 +19,12 @@ from backends.c_language.tree import (
     Unary,
     Unsigned,
 )
-from backends.native.lanes.fused_products import with_fused_products
-from backends.native.lanes.lane_kernels import lane_kernels
-from backends.native.lanes.lane_printer import LanePrinter
+from backends.native.lane_kernels import LanePrinter, lane_kernels, with_fused_products
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import DOUBLE
 from compiler.kernels.trace import statements as kernel
 from compiler.kernels.trace.statements import Assign, Block, Branch, Local, Operator, ValueKind
-from compiler.kernels.trace.subroutine import trace
+from compiler.kernels.trace.values import trace
 
 A, B, C, D, E = map(Name, "abcde")
 

@@ -8,9 +8,8 @@ from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 
-from backends.native.kept_sources import kept_source
-from backends.native.kernel_source import kernel_source
-from backends.native.rollouts.rollout_source import rollout_source
+from backends.native.kernel_source import kept_source, kernel_source
+from backends.native.rollout_kernel import rollout_source
 from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Program
 from msnn.model.load import load_model

@@ -16,11 +16,14 @@ from types import SimpleNamespace
 import pytest
 
 from backends.native.compile_kernel import compiled_kernel
-from backends.native.kernel_cache.contents import CacheLimits, clean
-from backends.native.kernel_cache.folders import kernel_folder
-from backends.native.kernel_cache.stored_kernel import StoredKernel
-from backends.native.kernel_cache.trust import why_folder_is_not_trusted
-from msnn.simulation.engines.kernel_trials import WrongKernelError, check_if_fresh
+from backends.native.kernel_cache import (
+    CacheLimits,
+    StoredKernel,
+    clean,
+    kernel_folder,
+    why_folder_is_not_trusted,
+)
+from msnn.simulation.engines.kernel_check import WrongKernelError, check_if_fresh
 from tests.backends.test_atomic_write import waits_for_disk
 from tests.cli.command_line import ROOT
 from tests.conditions import miss, require_tool
@@ -32,7 +35,7 @@ from backends.native.compile_kernel import compiled_kernel
 print(compiled_kernel({SOURCE!r}).library.f())
 """
 DESCRIBED = """
-from backends.native.kernel_description import kernel_description
+from backends.native.compile_kernel import kernel_description
 print(kernel_description())
 """
 PLANTED = "int f(void) { return 13; }\n"
@@ -296,7 +299,7 @@ def test_a_folder_that_takes_nothing_is_worked_around(
     cache.mkdir(mode=0o700)
     (tmp_path / "ask.py").write_text(
         ASKED
-        + "from backends.native.kernel_cache.folders import kernel_folder\n"
+        + "from backends.native.kernel_cache import kernel_folder\n"
         + "found = kernel_folder()\n"
         + "print(found.path, found.refused.reason, found.refused.is_foreign, sep=';')\n"
     )
@@ -415,7 +418,7 @@ def test_ctrl_c_ends_a_training_whose_compiler_hangs(
     code = (
         "from backends.files import waiting\n"
         "waiting.GRACE = 0.2\n"
-        "from msnn.training.records.interrupts import end_on_interrupt\n"
+        "from msnn.training.records.resumable_run import end_on_interrupt\n"
         "with end_on_interrupt():\n    " + ASKED.strip().replace("\n", "\n    ")
     )
     process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)

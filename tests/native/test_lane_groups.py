@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backends.native.lanes.lane_groups import group_type, lane_groups
+from backends.native.kernel_data import group_type, lane_groups
 
 TYPE = group_type(8, np.dtype("float64"))
 

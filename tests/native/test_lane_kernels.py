@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from backends.native.compile_kernel import compiled_kernel
-from backends.native.lanes.lane_kernels import lane_kernels
-from compiler.kernels.evaluate import evaluate
-from compiler.kernels.table import KERNELS
+from backends.native.lane_kernels import lane_kernels
+from compiler.kernels.table import KERNELS, evaluate
 from compiler.kernels.tables.formats import DOUBLE, FLOAT
 from tests.conditions import require_tool
 

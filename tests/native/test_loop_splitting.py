@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from backends.native.arrangement.late_adjoints import late_adjoints
-from backends.native.arrangement.loop_splitting import Phases, split_loops
+from backends.native.loop_splitting import Phases, late_adjoints, split_loops
 from compiler.differentiation.training_step import TrainingStep, training_step
 from compiler.ir.ops import Contract
 from compiler.passes.close_loop import close_loop

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from backends.native import kernel as kernel_module
+from backends.native import rollout_kernel
 from backends.native.compile_kernel import Built
 from backends.native.kernel import Kernel
-from backends.native.rollouts import lane_library
 from backends.native.variables import flat
 from compiler.passes.close_loop import close_loop
 from msnn.training.train import TrainingOptions, train
@@ -63,7 +63,7 @@ def test_standard_errors_build_no_kernel_of_losses(
         return right(source, on_lanes=on_lanes)
 
     monkeypatch.setattr(kernel_module, "compiled_kernel", noted)
-    monkeypatch.setattr(lane_library, "compiled_kernel", noted)
+    monkeypatch.setattr(rollout_kernel, "compiled_kernel", noted)
     program, spec = gain(f"  - {stage}\n")
     series = dataset(gain_series(150), train=[70], val=[40])
     result = train(program, series, spec.train, TrainingOptions(runs=tmp_path))

@@ -9,7 +9,7 @@ import pytest
 
 from backends.files import c_compiler
 from msnn.api import models
-from msnn.simulation.engines import kernel_trials
+from msnn.simulation.engines import kernel_check
 from tests.cli.command_line import ROOT
 
 POSIX_ONLY = {
@@ -62,7 +62,7 @@ def test_trials_of_a_kernel_need_no_numpy_2(monkeypatch: pytest.MonkeyPatch):
         return clip(values, low, high)  # pyright: ignore
 
     monkeypatch.setattr(np, "clip", before)
-    moved = kernel_trials.nearby(
+    moved = kernel_check.nearby(
         model.program, models.initial_weights(model), np.random.default_rng(0)
     )
     assert set(moved) == {"k"}

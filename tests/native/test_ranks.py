@@ -13,8 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from backends.c_language.literals import Dtype
-from backends.native.handed_sums import Ranks, Sums, added_by
-from backends.native.kernel import Kernel
+from backends.native.kernel import Kernel, Ranks, Sums, added_by
 from backends.native.variables import Method, Rule
 from compiler.ir.program import Program
 from tests.conditions import require_tool

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from backends.c_language.literals import Dtype
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+from backends.native.sensitivity_kernel import SensitivityKernel
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.passes.close_loop import close_loop
 from msnn.training.train import TrainingOptions, train

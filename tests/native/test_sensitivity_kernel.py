@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from backends.gauss_newton_products import Products, joined_runs
 from backends.native.kernel import Kernel
-from backends.native.rollouts.sensitivity_kernel import STACK, SensitivityKernel, with_stack
+from backends.native.sensitivity_kernel import STACK, SensitivityKernel, with_stack
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Measure, Output, Program
 from compiler.passes.close_loop import close_loop
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import loss_sums
 from tests.conditions import require_tool
 from tests.language.compiled import compiled

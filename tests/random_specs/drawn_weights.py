@@ -9,8 +9,7 @@ import numpy as np
 
 from compiler.ir.program import Parameter, Program
 from msnn.data.dataset import FloatArray
-from msnn.model.weights.checked_weights import checked_weights
-from msnn.model.weights.weights_file import initial_weights
+from msnn.model.weights.weights_file import checked_weights, initial_weights
 
 Draw = Callable[[random.Random, float, Parameter], float]
 """One element, from its initial value."""

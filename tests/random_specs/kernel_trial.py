@@ -8,18 +8,17 @@ import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs, reach
+from msnn.data.rollout_rows import Runs, reach
 from msnn.model.model import Model
 from msnn.model.weights.weights_file import initial_weights
 from msnn.simulation.rollout import loss_sums
-from msnn.training.engines.dropout_masks import with_all_kept
-from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
+from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError, with_all_kept
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
-from spec_schema.sections.training.optimizers import Sgd
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.optimizers import Sgd
+from spec_schema.sections.training import Stage
 
 STARTS = 11
 """One group of lanes and a part of one."""

@@ -16,15 +16,15 @@ from unittest.mock import patch
 import numpy as np
 from fmpy import validation
 
-from backends.c.selftest import golden_singles
-from backends.c.selftest.text import selftest_text
+from backends.c.selftest import selftest_text
+from backends.c.selftest.singles import golden_singles
 from backends.fmu import binary
 from backends.native import compile_kernel
 from compiler.ir.program import Program
 from compiler.program_file.file import program_from_json, program_to_json
-from msnn.agreement.deviation import worst_deviation
-from msnn.agreement.judging.judge import judge
-from msnn.agreement.judging.record import AgreementRecord, drawn_record
+from msnn.agreement.judge import judge
+from msnn.agreement.judgement import AgreementRecord, drawn_record
+from msnn.agreement.subject import worst_deviation
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
@@ -36,9 +36,9 @@ from msnn.model.weights.weights_file import initial_weights
 from msnn.reports.diagram.mermaid import mermaid_text
 from msnn.reports.latex import latex_text
 from msnn.reports.show import interface_text, windows_text
-from msnn.verification.builds.golden_run import differences
+from msnn.verification import host_checks
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.host import host_checks
+from msnn.verification.harness import differences
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.editors.format_spec import format_spec
 from spec_schema.editors.spec_data import spec_data

@@ -15,15 +15,13 @@ from matplotlib.colors import to_hex
 
 import msnn
 from msnn.features.data_check import figure as data_figure
-from msnn.features.report_page.functions import function_charts
+from msnn.features.report_page.charts import function_charts
 from msnn.reports import plotting
 from msnn.reports.drawn import shown_first
-from msnn.reports.functions_of_run import functions_of_run
 from msnn.reports.learned_functions import Curve, LearnedFunction
-from msnn.reports.pictures.run import plot_run
-from msnn.reports.pictures.simulation import plot_simulation
-from msnn.reports.pictures.validation import plot_validation
+from msnn.reports.run_plots import functions_of_run, plot_run
 from msnn.reports.run_summary import read_run
+from msnn.reports.simulation_plots import plot_simulation, plot_validation
 from msnn.simulation.simulate import simulation_program
 
 

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.native.rollouts import rollout_kernel
-from backends.native.rollouts.rollout_source import RolloutSource
+from backends.native import rollout_kernel
+from backends.native.rollout_kernel import RolloutSource
 from compiler.ir.program import Program
 from msnn.api import measurements
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.model.load import load_model
 from msnn.simulation.engines import open_rollouts as opening
-from msnn.simulation.engines.kernel_trials import WrongKernelError
+from msnn.simulation.engines.kernel_check import WrongKernelError
 from msnn.simulation.engines.native_rollouts import NativeRollouts
 from msnn.validation.validate import ValidationReport, validate
 from spec_schema.diagnostics.diagnostic import SpecError

@@ -15,7 +15,7 @@ from msnn.exports.table import listed
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.model.weights.weights_file import initial_weights
-from msnn.validation.reports.engines_report import difference_text, engines_table
+from msnn.validation.reports.report import difference_text, engines_table
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_package, require_tool
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backends.native.rollouts import rollout_kernel
+from backends.native import rollout_kernel
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
+from msnn.simulation.engines.engine import interpreted_rollouts
 from msnn.simulation.engines.native_rollouts import NativeRollouts
-from msnn.simulation.engines.stepwise import interpreted_rollouts
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, initial, log_of

@@ -8,7 +8,6 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.parser import LONGEST, parse_expression
 from spec_schema.expressions.scanner import DEEPEST
-from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import (
     Binary,
     Call,
@@ -28,6 +27,7 @@ from spec_schema.expressions.tree import (
     Samples,
     TimeOffset,
     Window,
+    expression_text,
 )
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import unit_symbol

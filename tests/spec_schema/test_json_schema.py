@@ -14,10 +14,9 @@ from jsonschema import Draft7Validator
 from msnn.project.new_project import new_project
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.editors.json_schema import json_schema, json_schema_text
-from spec_schema.editors.key_docs import key_doc
-from spec_schema.fields.entry_kinds import kinds_within
-from spec_schema.sections.data.data import Layout
+from spec_schema.editors.json_schema import json_schema, json_schema_text, key_doc
+from spec_schema.fields.entry import kinds_within
+from spec_schema.sections.data import Layout
 from spec_schema.sections.exports import CExport, OnnxExport, TargetEntry, TorchExport
 from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar

@@ -12,8 +12,7 @@ import pytest
 from compiler.elaboration.compile import compile_spec
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.reading.one_file import read_file
-from spec_schema.reading.reader import read_spec
+from spec_schema.reading.reader import read_file, read_spec
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar
 from spec_schema.yaml_tree.reader import read_tree
 

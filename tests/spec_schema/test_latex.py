@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 import msnn
-from msnn.features.report_page.equations import equations
+from msnn.features.report_page.tables import equations
 from msnn.reports.latex import formulas
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText

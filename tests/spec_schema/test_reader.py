@@ -8,16 +8,23 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from msnn.features.control.keys.estimator import Estimator
+from msnn.features.control.keys import Estimator
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import SourceText, Span
-from spec_schema.expressions.text import expression_text
-from spec_schema.expressions.tree import Binary, Call, Duration, ListLiteral, Name, Number, Samples
+from spec_schema.expressions.tree import (
+    Binary,
+    Call,
+    Duration,
+    ListLiteral,
+    Name,
+    Number,
+    Samples,
+    expression_text,
+)
 from spec_schema.fields.entry import Entry
 from spec_schema.reading.reader import ReadResult, read_spec
-from spec_schema.sections.data.splits import Blocks, Split
-from spec_schema.sections.integrators import Integrator
-from spec_schema.sections.spec import Spec
+from spec_schema.sections.data import Blocks, Split
+from spec_schema.sections.spec import Integrator, Spec
 from spec_schema.sections.values import NormalInitializer
 
 GOOD = sorted((Path(__file__).parent / "good").iterdir())

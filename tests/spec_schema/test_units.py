@@ -11,14 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msnn.data.formats.capital_units import CapitalUnit, keeps_case
-from msnn.data.formats.written_units import written_unit
-from msnn.data.reading.converted_cells import converted_cells
-from spec_schema.units.parser import parse_unit
-from spec_schema.units.spellings import collisions
-from spec_schema.units.table import PREFIXES, UNIT_ROWS
-from spec_schema.units.turns import turn_readings
-from spec_schema.units.unit import ONE, Unit, UnitError, unit_symbol
+from msnn.data.formats.written_units import CapitalUnit, keeps_case, written_unit
+from msnn.data.reading.columns import converted_cells
+from spec_schema.units.parser import collisions, parse_unit
+from spec_schema.units.quantity import turn_readings
+from spec_schema.units.unit import ONE, PREFIXES, UNIT_ROWS, Unit, UnitError, unit_symbol
 
 # What pint calls the symbols that it spells otherwise.
 _PINT_NAMES = {

@@ -13,10 +13,9 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.render import render
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.reading.reader import read_spec
-from spec_schema.yaml_tree import faults
-from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
+from spec_schema.yaml_tree import reader
+from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, core_value
 from spec_schema.yaml_tree.reader import LARGEST, read_tree
-from spec_schema.yaml_tree.scalars import core_value
 
 FILES = sorted(
     [
@@ -136,14 +135,14 @@ def test_a_bracket_that_goes_wrong_looks_at_few_characters(
     word: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Not at all since the bracket: the search begins anew at each of them."""
-    pattern, looked_at = faults._WORD_IN_FLOW, list[int]()
+    pattern, looked_at = reader._WORD_IN_FLOW, list[int]()
 
     class Counting:
         def search(self, text: str, begin: int, end: int) -> re.Match[str] | None:
             looked_at.append(end - begin)
             return pattern.search(text, begin, end)
 
-    monkeypatch.setattr(faults, "_WORD_IN_FLOW", Counting())
+    monkeypatch.setattr(reader, "_WORD_IN_FLOW", Counting())
     text = "a: [" + ("b" * word + " ") * (24_000 // word) + "[1]"
     findings = Findings()
     assert read_tree(SourceText("long.yaml", text), findings) is None

@@ -16,7 +16,7 @@ from backends.c.host.build import build_library
 from backends.c.host.library import CStep
 from msnn.model.load import load_model
 from msnn.model.model import Model
-from msnn.stepping.stepper import Stepper
+from msnn.stepping import Stepper
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.examples.gallery import NAMES, gallery_copy, spec_of

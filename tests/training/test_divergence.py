@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.model.weights.weights_file import read_weights
 from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import plan_stages

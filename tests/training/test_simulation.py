@@ -9,8 +9,7 @@ import numpy as np
 
 from compiler.passes.close_loop import close_loop
 from msnn.data.reading.load import load_data
-from msnn.simulation.simulate import simulate, simulation_program
-from msnn.simulation.table import write_simulation
+from msnn.simulation.simulate import simulate, simulation_program, write_simulation
 from tests.data.specs import data_section
 from tests.programs import joint_arm
 from tests.training.cases import dataset, gain, gain_series

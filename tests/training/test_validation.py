@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import Dataset
-from msnn.validation.error_sums import CurveSums, ErrorRange
-from msnn.validation.measurement import METRICS, ErrorCurve, ErrorTrace
+from msnn.validation.measurement import METRICS, CurveSums, ErrorCurve, ErrorRange, ErrorTrace
 from msnn.validation.reports.report import curves_table, metrics_record
 from msnn.validation.statistics.metrics import Errors, score
 from msnn.validation.validate import MetricRow, ValidationReport, validate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from msnn.validation import measuring, outcomes
+from msnn.validation import measurement, outcomes
 from msnn.validation.measurement import METRICS
 from msnn.validation.statistics.metrics import Errors, score
 from msnn.validation.validate import ValidationReport, validate
@@ -29,7 +29,7 @@ def report() -> ValidationReport:
 def test_blocks_change_no_number(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = report()
     monkeypatch.setattr(outcomes, "_STEPS", 1)  # as many as the data have rows
-    monkeypatch.setattr(measuring, "_AT_ONCE", 7)
+    monkeypatch.setattr(measurement, "_AT_ONCE", 7)
     for ours, theirs in zip(report().measurements, whole.measurements, strict=True):
         assert (ours.rows, ours.scored) == (theirs.rows, theirs.scored)
         for metric in METRICS:

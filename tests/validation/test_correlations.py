@@ -10,8 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.validation.statistics.clumps import dispersion, most_beyond
-from msnn.validation.statistics.correlations import Correlation, lags_of, residuals
+from msnn.validation.statistics.correlations import (
+    Correlation,
+    dispersion,
+    lags_of,
+    most_beyond,
+    residuals,
+)
 
 
 def judged(

@@ -57,3 +57,13 @@ def test_numbers_that_no_stage_moves_are_no_learned_numbers(stages: str, learned
     data = dataset({"u": u, "y": y}, test=[4])
     (row,) = validate(program, data, spec.checks, stages=spec.train).rows
     assert row.value == pytest.approx(4 * np.log(2 * np.pi) + 4 + 2 * learned, rel=1e-12)
+
+
+@pytest.mark.parametrize(("error", "wanted"), [(0.0, -np.inf), (1.0, np.inf), (np.nan, np.nan)])
+def test_errors_without_variance_have_the_limit(error: float, wanted: float):
+    """No error has a likelihood without bound; a constant one contradicts its variance of 0."""
+    program, spec = compiled(TEXT)
+    u = np.zeros((4, 3))
+    data = dataset({"u": u, "y": np.full(4, 0.375 - error)}, test=[4])
+    (row,) = validate(program, data, spec.checks).rows
+    np.testing.assert_equal(row.value, wanted)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import msnn
-from compiler.differentiation.output_variances import ROOT, VARIANCE, with_variances
+from compiler.differentiation.sensitivities import ROOT, VARIANCE, with_variances
 from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
-from msnn.model.weights.covariance_file import (
+from msnn.model.weights.covariance import (
     COVARIANCE,
     Covariance,
     read_covariance,

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from msnn.validation.judged_errors import JudgedErrors
+from msnn.validation.judged_errors import JudgedErrors, extrapolation, regions
 from msnn.validation.reports.errors_report import judged_record, regions_table, residuals_table
-from msnn.validation.statistics.regions import extrapolation, regions
 from msnn.validation.validate import ValidationReport, validate
 from tests.training.cases import compiled, dataset, gain, gain_series
 

@@ -25,11 +25,10 @@ from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights, write_weights
 from msnn.verification.exported_c import read_exported_c
 from msnn.verification.on_board import serial_line
-from msnn.verification.on_board.cores import core_of
-from msnn.verification.on_board.gdb_servers import gdb_server
+from msnn.verification.on_board.debugger import Packets, StubFailedError, gdb_server
 from msnn.verification.on_board.link import Gdb, PyOcd, Serial, link_of
-from msnn.verification.on_board.packets import Packets, StubFailedError
-from msnn.verification.tools import ARM_GCC, ARM_QEMU, GCC
+from msnn.verification.on_board.ram_program import core_of
+from msnn.verification.proof_step import ARM_GCC, ARM_QEMU, GCC
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.verification.test_verify import exported, require, verified
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from benchmarks.mutation.every_argument import first_shown
 from benchmarks.mutation.math_functions import Function, functions_of, needed, text_hash
-from msnn.verification.tools import GCC
+from msnn.verification.proof_step import GCC
 from tests.conditions import miss
 
 _SOURCE = """\

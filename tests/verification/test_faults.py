@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.c.selftest.matrix_checksums import checksums
+from backends.c.selftest.golden_text import checksums
 from msnn.cli.application import run
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.host.fuzz import FuzzerFoundError, fuzz
-from msnn.verification.host.host_checks import writable_objects
-from msnn.verification.tools import CLANG, GCC, LIBFUZZER, NM, Tool
+from msnn.verification.fuzz import FuzzerFoundError, fuzz
+from msnn.verification.host_checks import writable_objects
+from msnn.verification.proof_step import CLANG, GCC, LIBFUZZER, NM, Tool
 from tests.conditions import miss
 from tests.examples.gallery import GALLERY, spec_of
 

@@ -19,8 +19,7 @@ from msnn.cli.application import run
 from msnn.features.control.verification.exported_controller import read_exported_controller
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights, write_weights
-from msnn.verification.exported_c import read_exported_c
-from msnn.verification.files_check import files_check
+from msnn.verification.exported_c import files_check, read_exported_c
 
 SPEC = """
 msnn: 1

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from msnn.cli.application import run
-from msnn.verification.builds.golden_run import differences
 from msnn.verification.exported_c import ExportedC, read_exported_c
-from msnn.verification.host import levels
+from msnn.verification.harness import differences
 
 SPEC = """
 msnn: 1
@@ -89,7 +88,7 @@ def test_answers_that_an_export_has_lost(kept: int, export: ExportedC) -> None:
 def test_a_folder_without_answers_is_no_export_that_agrees(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(levels, "LEVELS", ("-O0",))
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", ("-O0",))
     spec = tmp_path / "decay.msnn.yaml"
     spec.write_text(SPEC, encoding="utf-8")
     assert run(["export", str(spec), "--initial", "--to", "c", "--out", str(tmp_path)]) == 0

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.ir.scalars import SCALAR_FUNCTIONS
 from compiler.kernels.table import KERNELS
 from msnn.cli.application import run
-from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.proof.kernel_bounds import kernel_bounds
-from msnn.verification.tools import GCC
+from msnn.verification.harness import write_harness
+from msnn.verification.proof.assumptions import kernel_bounds
+from msnn.verification.proof_step import GCC
 from tests.verification.test_verify import require
 
 SPEC = """

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from msnn.verification.host.levels import sanitizers_check
-from msnn.verification.proof_step import run_tool
-from msnn.verification.tools import GCC, Tool
+from msnn.verification.host_builds import sanitizers_check
+from msnn.verification.proof_step import GCC, Tool, run_tool
 from tests.conditions import require_tool
 
 PROGRAMS = {

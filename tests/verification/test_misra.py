@@ -11,11 +11,10 @@ import pytest
 
 from backends.c_kernels.sources import c_sources
 from compiler.kernels.table import KERNELS
-from msnn.verification.host import host_checks
-from msnn.verification.host.host_checks import misra_check
-from msnn.verification.proof_step import Result
-from msnn.verification.sources import CFolder
-from msnn.verification.tools import CPPCHECK
+from msnn.verification import host_checks
+from msnn.verification.exported_c import CFolder
+from msnn.verification.host_checks import misra_check
+from msnn.verification.proof_step import CPPCHECK, Result
 from tests.conditions import require_tool
 
 BREACH = "static int own_bad(int x) { if (x) goto out; return 1; out: return 0; }\n"

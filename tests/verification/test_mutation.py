@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.mutation import run
 from benchmarks.mutation.run import export_with_drawn_weights, mutation_score
-from msnn.verification.tools import GCC
+from msnn.verification.proof_step import GCC
 from tests.conditions import miss
 
 

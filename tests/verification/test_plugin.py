@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from msnn.verification.builds import plugin
-from msnn.verification.builds.plugin import instructions_plugin
-from msnn.verification.tools import GCC
+from msnn.verification import qemu
+from msnn.verification.proof_step import GCC
+from msnn.verification.qemu import instructions_plugin
 from tests.verification.test_verify import require
 
 
@@ -27,7 +27,7 @@ def test_the_plugin_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     def unexpected(*words: object) -> str:
         raise AssertionError(words)
 
-    monkeypatch.setattr(plugin, "run_tool", unexpected)
+    monkeypatch.setattr("msnn.verification.qemu.run_tool", unexpected)
     assert instructions_plugin(tmp_path) == first
 
 
@@ -42,5 +42,5 @@ def test_where_nothing_may_be_executed_no_plugin_is_kept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     closed = SimpleNamespace(f_flag=os.ST_NOEXEC)
-    monkeypatch.setattr(plugin.os, "statvfs", lambda folder: closed)
+    monkeypatch.setattr(qemu.os, "statvfs", lambda folder: closed)
     assert instructions_plugin(tmp_path) == tmp_path / "instructions_plugin.so"

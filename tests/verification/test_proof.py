@@ -11,12 +11,10 @@ import pytest
 
 from msnn.cli.application import run
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.host.fuzz import run_fuzzer
-from msnn.verification.proof.eva import Alarm, Analysis, PossibleValues
+from msnn.verification.fuzz import run_fuzzer
+from msnn.verification.proof.eva import Alarm, Analysis, PossibleValues, roots_first
 from msnn.verification.proof.proof import proof_checks
-from msnn.verification.proof.root_alarms import roots_first
-from msnn.verification.proof_step import ProofStep, Result, run_tool
-from msnn.verification.tools import FRAMA_C
+from msnn.verification.proof_step import FRAMA_C, ProofStep, Result, run_tool
 from tests.conditions import miss
 
 LEAKS = """

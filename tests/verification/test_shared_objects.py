@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from msnn.verification.host.shared_objects import SharedObjects
-from msnn.verification.proof_step import ToolFailedError
-from msnn.verification.sources import CFolder
-from msnn.verification.tools import CLANG, GCC
+from msnn.verification.exported_c import CFolder
+from msnn.verification.host_builds import SharedObjects
+from msnn.verification.proof_step import CLANG, GCC, ToolFailedError
 from tests.conditions import require_tool
 
 

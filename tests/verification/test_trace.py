@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from backends.c_language.layout import comment
+from backends.c_language.rendering import comment
 from msnn.verification.proof.trace import TracedBlock, by_spec_line, traced
 
 PLANT = """\

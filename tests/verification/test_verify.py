@@ -11,15 +11,14 @@ from typing import Any
 
 import pytest
 
-from backends.c.selftest.text.selftest_text import FROM_INIT
+from backends.c.selftest.selftest_text import FROM_INIT
 from compiler.kernels.table import KERNELS
 from msnn.cli.application import run
+from msnn.verification.coverage import coverage_check
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.host import levels
-from msnn.verification.host.coverage import coverage_check
-from msnn.verification.host.levels import LEVELS
-from msnn.verification.proof.kernel_bounds import KNOWN
-from msnn.verification.tools import (
+from msnn.verification.host_builds import LEVELS
+from msnn.verification.proof.assumptions import KNOWN
+from msnn.verification.proof_step import (
     ARM_GCC,
     ARM_QEMU,
     CLANG,
@@ -92,14 +91,14 @@ def unreached(results: Iterable[dict[str, Any]]) -> set[str]:
 @pytest.fixture(autouse=True)
 def one_level(monkeypatch: pytest.MonkeyPatch) -> None:
     """All five have their turn with the reference model."""
-    monkeypatch.setattr(levels, "LEVELS", ("-O2",))
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", ("-O2",))
 
 
 def test_the_reference_model_on_every_target(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require(*HOST, *BOARDS)
-    monkeypatch.setattr(levels, "LEVELS", LEVELS)
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", LEVELS)
     folder = exported(spec_of(GALLERY, "reference"), tmp_path)
     code, said = verified(capsys, folder, "--targets", "all", "--proof", "--misra")
     assert code == 0, said
@@ -132,7 +131,7 @@ def test_models_of_the_gallery_have_nothing_to_find(
     require(*HOST)
     # the reference model has all levels; of these each has two
     turn = PROVED.index(name)
-    monkeypatch.setattr(levels, "LEVELS", (LEVELS[turn], LEVELS[turn + 2]))
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", (LEVELS[turn], LEVELS[turn + 2]))
     folder = exported(spec_of(GALLERY, name), tmp_path)
     code, said = verified(capsys, folder, "--misra", "--proof")
     assert code == 0, said

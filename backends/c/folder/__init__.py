@@ -1,1 +1,1 @@
-"""Writes what stands beside the code in an exported folder: header, build files, packages, FFI."""
+"""Writes the other files of an exported folder: header, build files, packages, FFI."""

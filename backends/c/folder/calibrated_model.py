@@ -5,8 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from backends.asap2.grids import grids, knots_of
-from backends.asap2.objects import CalibratedModel, MemoryObject, Scale, Segment, Storage, Struct
+from backends.asap2.objects import (
+    CalibratedModel,
+    MemoryObject,
+    Scale,
+    Segment,
+    Storage,
+    Struct,
+    grids,
+    knots_of,
+)
 from backends.c.interface.interface import Field, Interface
 from backends.c_language.literals import Dtype
 from backends.c_lowering.state_memory import PlainState

@@ -1,15 +1,19 @@
-"""Writes the text of every file of a generated folder, for a program in step form."""
+"""Writes the folder of generated C that builds by itself: the text of every file."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import re
+import zlib
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from backends.asap2.text import a2l_text
 from backends.c.folder.calibrated_model import calibrated_model
-from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
-from backends.c.folder.package_texts import NUMBER, package_texts
-from backends.c.folder.parameter_texts import calibration_text, parameters_text
 from backends.c.folder.ros2_texts import ros2_texts
 from backends.c.functions.function_writer import ControllerCode, Weights
 from backends.c.functions.input_policy import nearest_to_zero, policy_functions
@@ -17,19 +21,22 @@ from backends.c.functions.linearize import linearize_function
 from backends.c.functions.start import init_function, reset_function, restart_functions
 from backends.c.functions.state_vector import vector_functions
 from backends.c.functions.step import step_function
-from backends.c.interface.interface import Field, Interface
+from backends.c.interface.interface import Field, Interface, c_interface
 from backends.c.interface.layout_metadata import layout_metadata
-from backends.c.selftest.text.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
+from backends.c.selftest.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
 from backends.c_kernels.sources import c_sources
-from backends.c_language.comments import comment_text
 from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.literals import Dtype, real_literal
 from backends.c_language.printer import Printer
-from backends.c_language.rendering import render
+from backends.c_language.rendering import Generated, comment_text, render
 from backends.c_language.tree import Function
+from backends.c_lowering.options import COptions
+from backends.files.atomic_write import write_text
 from backends.files.export_identity import with_identity, with_manifest
 from backends.ports.metadata import metadata_text
+from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
+from spec_schema.version import __version__
 
 
 def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
@@ -178,3 +185,116 @@ def _assignment(base: str, field: Field, limits: tuple[float, float] | None, dty
 
 def _shown(field: Field) -> str:
     return f"y.{field.identifier}[0]" if field.shape else f"y.{field.identifier}"
+
+
+def parameters_text(interface: Interface, weights: Weights) -> str:
+    """`src/<prefix>_params.c`: the values as constants."""
+    fields = _fields(interface, weights, "    ")
+    return render("params.c.j2", interface, "Trained values", fields=fields)
+
+
+def calibration_text(interface: Interface, weights: Weights) -> str:
+    """`src/<prefix>_calibration.c`: the values in a separate section, with their checksum."""
+    return render(
+        "calibration.c.j2",
+        interface,
+        "Values for calibration",
+        # one level deeper: the values are a struct next to their checksum
+        fields=_fields(interface, weights, "        "),
+        section=interface.calibration_section,
+        checksum=f"0x{_checksum(interface, weights):08X}",
+        count=sum(field.size for field in interface.parameters),
+        word="uint32_t" if interface.options.dtype == "float32" else "uint64_t",
+    )
+
+
+def _checksum(interface: Interface, weights: Weights) -> int:
+    """CRC-32 of the values in little-endian order, independent of the target."""
+    order = "<f4" if interface.options.dtype == "float32" else "<f8"
+    # in the order of the struct's fields; all elements have one type, so there is no padding
+    numbers = [np.asarray(weights[field.name]).ravel() for field in interface.parameters]
+    return zlib.crc32(np.concatenate(numbers).astype(order).tobytes())
+
+
+def _fields(interface: Interface, weights: Weights, indent: str) -> list[dict[str, str]]:
+    dtype = interface.options.dtype
+    printer = Printer(interface.prefix, dtype)
+    fields: list[dict[str, str]] = []
+    for field in interface.parameters:
+        numbers = [real_literal(float(value), dtype) for value in weights[field.name].ravel()]
+        value = printer.braced(numbers, indent) if field.shape else numbers[0]
+        fields.append({"name": comment_text(field.name), "value": value})
+    return fields
+
+
+NUMBER = ".".join(re.findall(r"\d+", __version__)[:3])
+"""The version of msnn as digits only, for build systems."""
+
+
+def package_texts(
+    interface: Generated, paths: Iterable[str], *, in_reals: bool = True
+) -> dict[str, str]:
+    """Texts by path in the folder; `paths` are the other files in it.
+
+    `in_reals` is False for fixed-point code.
+    """
+    named = sorted(paths)
+    facts: dict[str, Any] = {
+        "sources": [path for path in named if path.startswith("src/") and path.endswith(".c")],
+        "headers": [path for path in named if path.startswith("include/")],
+        "in_reals": in_reals,
+        # digits only: CMake and Arduino accept no suffix of a development version
+        "version": NUMBER,
+    }
+    files = {
+        "CMakeLists.txt": "CMakeLists.txt.j2",
+        "zephyr/module.yml": "packages/zephyr_module.yml.j2",
+        "zephyr/Kconfig": "packages/zephyr_Kconfig.j2",
+        "zephyr/CMakeLists.txt": "packages/zephyr_CMakeLists.txt.j2",
+        "library.properties": "packages/library.properties.j2",
+    }
+    texts = {path: render(template, interface, "", **facts) for path, template in files.items()}
+    return texts | dict(_forward(interface, header) for header in facts["headers"])
+
+
+def _forward(interface: Generated, header: str) -> tuple[str, str]:
+    """A header in `src/` that includes the one in `include/`."""
+    name = header.removeprefix("include/")
+    guard = f"{name.removesuffix('.h').upper()}_FORWARD_H"
+    template = "packages/forward.h.j2"
+    # Arduino searches headers in `src/` only; all others use `include/`
+    return f"src/{name}", render(template, interface, "Interface", header=header, guard=guard)
+
+
+def ffi_texts(
+    interface: Generated, numbers: Mapping[str, str], *, linearizes: bool = False
+) -> dict[str, str]:
+    """Texts by path in the folder; `numbers` maps the layout's number types to ctypes."""
+    # the type names of the JSON file, from which the Python file builds its structs
+    types = {**numbers, "uint32": "c_uint32"}
+    facts: dict[str, Any] = {"types": types, "words": "word" in numbers, "jacobian": linearizes}
+    return {
+        f"{interface.prefix}_ffi.py": render("ffi.py.j2", interface, "", **facts),
+        f"{interface.prefix}_ffi.c": render("ffi.c.j2", interface, "Many steps at once"),
+    }
+
+
+_DEFAULT_OPTIONS = COptions()
+
+
+def write_c(
+    program: Program,
+    weights: Mapping[str, ArrayLike],
+    folder: Path,
+    options: COptions = _DEFAULT_OPTIONS,
+) -> tuple[Path, ...]:
+    """Writes header, sources, self-test, build file and README; returns their paths.
+
+    `program` is in step form, its losses are left out. `weights` are physical arrays by name, a
+    missing one is the parameter's initial value. The same arguments give the same bytes. Raises
+    ValueError for a program in window form or weights of a wrong shape, OSError.
+    """
+    interface = c_interface(program, options)
+    # all texts first: a model that cannot be lowered leaves no half of a folder behind
+    texts = file_texts(program, interface, physical_weights(program, weights))
+    return tuple(write_text(folder / name, text) for name, text in texts.items())

@@ -7,16 +7,13 @@ from typing import Any, Protocol
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
-from backends.c.interface.status_bits import selftest_bits, step_bits
 from backends.c.interface.structs import Struct, StructField, structs
-from backends.c_language.comments import string_literal, string_size
-from backends.c_language.layout import comment
 from backends.c_language.literals import real_literal
 from backends.c_language.printer import Printer
-from backends.c_language.rendering import Generated, render
+from backends.c_language.rendering import Generated, comment, render, string_literal, string_size
 from backends.c_language.tree import Function
 from backends.files.export_identity import OPEN
-from compiler.ir.program import Program
+from compiler.ir.program import InvalidPolicy, Program
 
 
 def header_text(
@@ -122,3 +119,42 @@ def _declaration(field: StructField, printer: Printer) -> str:
     type = "uint32_t" if field.unsigned else printer.real
     size = f"[{field.extent or field.size}]" if field.shape else ""
     return f"{type} {field.identifier}{size};"
+
+
+_OF_POLICY: dict[InvalidPolicy, StatusBit] = {
+    "flag": StatusBit.OUT_OF_RANGE | StatusBit.NOT_A_NUMBER,
+    "clamp": StatusBit.CLAMPED | StatusBit.NOT_A_NUMBER,
+    "hold": StatusBit.HELD | StatusBit.NOT_A_NUMBER,
+    "trust": StatusBit(0),
+}
+
+
+def step_bits(interface: Interface) -> list[StatusBit]:
+    """The bits that step, reset and linearize of this model can return."""
+    bits = StatusBit(0)
+    for port in (*(i.port for i in interface.inputs), *(port for _, port in interface.windows)):
+        bits |= _OF_POLICY[port.signal.on_invalid]
+    for check in interface.checks:
+        bits |= check.bit
+    if interface.checks_equations:
+        bits |= StatusBit.EQUATION_OUT_OF_RANGE
+    if interface.has_state:
+        bits |= StatusBit.UNINITIALISED
+    if interface.jacobian is not None and any(
+        field.matrix.perhaps_infinite for field in interface.jacobian.fields
+    ):
+        bits |= StatusBit.SLOPE_NOT_FINITE
+    return list(bits)
+
+
+def selftest_bits(*, has_kernels: bool, has_helpers: bool, calibrates: bool) -> list[SelfTestBit]:
+    """The bits that the self-test can return.
+
+    The helpers are the sample time and the functions that copy between vectors and structs.
+    """
+    there = {
+        SelfTestBit.KERNEL_DIFFERS: has_kernels,
+        SelfTestBit.HELPER_DIFFERS: has_helpers,
+        SelfTestBit.CHECKSUM_DIFFERS: calibrates,
+    }
+    return [bit for bit in SelfTestBit if there.get(bit, True)]

@@ -11,10 +11,9 @@ from xml.sax.saxutils import escape
 
 from backends.c.functions.input_policy import nearest_to_zero
 from backends.c.interface.interface import Field, Interface
-from backends.c_language.comments import comment_text, string_literal
 from backends.c_language.literals import real_literal
-from backends.c_language.rendering import render
-from backends.files.readme import one_line, readme_text
+from backends.c_language.rendering import comment_text, render, string_literal
+from backends.files.text_templates import one_line, readme_text
 from backends.ports.identifiers import c_identifier
 from compiler.ir.program import Parameter, Program
 

@@ -14,9 +14,9 @@ from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView
 from backends.c_language.scope import BlockScope, LocalNames, SpecName
 from backends.c_language.tree import Argument, Comment, Discard, Function, Name, Statement
-from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState
+from backends.c_lowering.values import LocalValues
 from compiler.ir import ops
 from compiler.ir.program import Formula, Graph
 from compiler.ir.types import Type

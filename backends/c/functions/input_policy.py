@@ -7,13 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import assert_never
 
-from backends.c.functions.constant_time_checks import constant_time_check
-from backends.c.functions.valid_range import within
+from backends.c.functions.state_reports import within
 from backends.c.interface.interface import Field, InputField, Interface
-from backends.c.interface.state_checks import largest
-from backends.c.interface.status import StatusBit, status_macro
+from backends.c.interface.status import StatusBit, largest, status_macro
 from backends.c_language import tree as c
-from backends.c_language.functions import FunctionTable
+from backends.c_language.functions import FunctionTable, is_nan, one_if
 from backends.c_language.literals import Dtype
 from backends.c_language.places import ArrayView
 from backends.c_language.scope import BlockScope
@@ -208,7 +206,10 @@ def policy_functions(interface: Interface, table: FunctionTable) -> tuple[c.Func
     )
 
 
-_X, _LOW, _HIGH, _RESULT = c.Name("x"), c.Name("low"), c.Name("high"), c.Name("result")
+_X = c.Name("x")
+_LOW = c.Name("low")
+_HIGH = c.Name("high")
+_RESULT = c.Name("result")
 _INSTEAD = c.Name("instead")
 _BELOW, _ABOVE = c.Binary("<", _X, _LOW), c.Binary(">", _X, _HIGH)
 _OUTSIDE = c.Binary("||", _BELOW, _ABOVE)
@@ -261,3 +262,48 @@ _CHECKS: dict[InvalidPolicy, tuple[str, Callable[[str], tuple[c.Statement, ...]]
     "clamp": ("A value outside low .. high moved into it; another one instead of NaN.", _clamped),
     "hold": ("Another one instead of a value outside low .. high.", _held),
 }
+
+
+_OUTSIDE_COUNT = c.Name("outside")
+_UNORDERED = c.Name("unordered")
+
+
+def constant_time_check(policy: InvalidPolicy, table: FunctionTable) -> tuple[c.Statement, ...]:
+    """The body of the function that checks x, with the same arguments as the version with
+    branches.
+    """
+
+    def bits(bit: StatusBit, count: c.Expression) -> c.Statement:
+        value = c.Binary("*", count, c.Name(status_macro(table.prefix, bit)))
+        return c.SetBits(c.Unary("*", c.Name("status")), value)
+
+    def select(
+        condition: c.Expression, then: c.Expression, otherwise: c.Expression
+    ) -> c.Expression:
+        return table.select("real", condition, then, otherwise)
+
+    found = (
+        _count(_OUTSIDE_COUNT, table.helper("outside", (_X, _LOW, _HIGH))),
+        _count(_UNORDERED, one_if(table.truth(is_nan(_X)))),
+    )
+    unordered = bits(StatusBit.NOT_A_NUMBER, _UNORDERED)
+    match policy:
+        case "flag":
+            # NaN also counts as outside, but has a separate status bit
+            ordered = c.Binary("-", _OUTSIDE_COUNT, _UNORDERED)
+            return (*found, bits(StatusBit.OUT_OF_RANGE, ordered), unordered)
+        case "clamp":
+            # NaN fails both comparisons below and must be replaced first
+            number = select(c.Binary("!=", _UNORDERED, c.Unsigned(0)), _INSTEAD, _X)
+            raised = select(table.truth(c.Binary("<", _X, _LOW)), _LOW, number)
+            result = c.Return(select(table.truth(c.Binary(">", _X, _HIGH)), _HIGH, raised))
+            return (*found, bits(StatusBit.CLAMPED, _OUTSIDE_COUNT), unordered, result)
+        case "hold":
+            result = c.Return(select(c.Binary("!=", _OUTSIDE_COUNT, c.Unsigned(0)), _INSTEAD, _X))
+            return (*found, bits(StatusBit.HELD, _OUTSIDE_COUNT), unordered, result)
+        case "trust":
+            return ()
+
+
+def _count(name: c.Name, value: c.Expression) -> c.Statement:
+    return c.Declare(c.CType.UNSIGNED, name.text, value, constant=True)

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import groupby
+
 import numpy as np
 
 from backends.c.functions.function_writer import ControllerCode, FunctionWriter
 from backends.c.functions.input_policy import checked_input
-from backends.c.functions.jacobian_comments import entries_comment, pattern_comments
-from backends.c.functions.number_runs import number_runs
-from backends.c.functions.state_reports import report_unready
-from backends.c.functions.valid_range import report_outside
+from backends.c.functions.state_reports import report_outside, report_unready
 from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
 from backends.c.interface.status import StatusBit
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.tree import Argument, CType, Declare, Discard, Function, Name, Real, Return
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.state_memory import DelayLine, PlainState
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.ops import ReadSignal, ReadState
 from compiler.ir.program import Graph
-from compiler.jacobian.matrices import MatrixBlock
+from compiler.ir.rules import quotient_unit
+from compiler.ir.types import Type
+from compiler.jacobian.matrices import Matrix, MatrixBlock, Member, Vector
 
 _FEW = 16
 """Maximum number of constant entries that are written one by one."""
@@ -127,3 +130,95 @@ class _LinearizeWriter(FunctionWriter):
                     along.element(at), Real(run.value)
                 ),
             )
+
+
+@dataclass(frozen=True, slots=True)
+class NumberRun:
+    """The same value at first, first + stride, …; a single value has the stride 1."""
+
+    value: float
+    first: int
+    stride: int
+    count: int
+
+
+def number_runs(numbers: Mapping[int, float]) -> list[NumberRun]:
+    """Groups values by index into runs, in the order of their first indices."""
+    places: dict[float, list[int]] = {}
+    for place, value in sorted(numbers.items()):
+        places.setdefault(value, []).append(place)
+    runs = [run for value, at in places.items() for run in _runs(value, at)]
+    return sorted(runs, key=lambda run: run.first)
+
+
+def _runs(value: float, places: list[int]) -> list[NumberRun]:
+    """Starts a run at each index and extends it while the distance stays the same."""
+    runs: list[NumberRun] = []
+    begin = 0
+    while begin < len(places):
+        end = begin + 1
+        stride = places[end] - places[begin] if end < len(places) else 1
+        while end < len(places) and places[end] - places[end - 1] == stride:
+            end += 1
+        if end - begin == 2:
+            # two values are always equidistant
+            end, stride = begin + 1, 1
+        runs.append(NumberRun(value, places[begin], stride, end - begin))
+        begin = end
+    return runs
+
+
+_MOST_ROWS, _MOST_COLUMNS = 32, 64
+"""Maximum size of a matrix whose pattern is shown; the JSON file has every pattern."""
+
+
+def pattern_comments(matrix: Matrix) -> Iterator[str]:
+    """One line of marks per row, one mark per entry; consecutive equal rows share a line."""
+    rows, columns = matrix.shape
+    if rows > _MOST_ROWS or columns > _MOST_COLUMNS:
+        return
+    yield ". is always 0, = always the same number, p made of parameters only, * computed"
+    names = [name for member in matrix.rows.members for name in _element_names(member)]
+    for marks, equal in groupby(range(rows), lambda row: _row_marks(matrix, row)):
+        first, *others = equal
+        yield f"{marks}  {names[first]}" + (f" .. {names[others[-1]]}" if others else "")
+
+
+def _row_marks(matrix: Matrix, row: int) -> str:
+    columns = matrix.columns.size
+    marks = "".join(mark(matrix, row * columns + column) for column in range(columns))
+    return " ".join(marks[m.first : m.first + m.size] for m in matrix.columns.members)
+
+
+def mark(matrix: Matrix, entry: int) -> str:
+    """The kind of an entry, as one character."""
+    known = matrix.known[entry]
+    if known is not None:
+        return "." if known == 0.0 else "="
+    return "p" if matrix.fixed[entry] else "*"
+
+
+def entries_comment(matrix: Matrix, block: MatrixBlock, type: Type) -> str:
+    """The comment of the entries that a block writes: `d speed / d torque [m/s/N/m]`."""
+    places = block.places(type.shape).ravel()
+    row, first = divmod(int(places[0]), matrix.columns.size)
+    last = int(places[-1]) % matrix.columns.size
+    of, by = _member_at(matrix.rows, row), _member_at(matrix.columns, first)
+    unit = quotient_unit(of.unit, by.unit)
+    following = "next " if matrix.rows.letter == "x" else ""
+    text = f"d {following}{_element_name(of, row)} / d {_element_name(by, first)}"
+    if last != first:
+        text += f" .. {_element_name(by, last)}"
+    return text + (f" [{unit.text}]" if unit is not None else "")
+
+
+def _member_at(vector: Vector, place: int) -> Member:
+    return next(m for m in vector.members if m.first <= place < m.first + m.size)
+
+
+def _element_name(member: Member, place: int) -> str:
+    return f"{member.name}[{place - member.first}]" if member.axes else member.name
+
+
+def _element_names(member: Member) -> list[str]:
+    return [_element_name(member, member.first + number) for number in range(member.size)]

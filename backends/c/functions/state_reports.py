@@ -1,16 +1,16 @@
-"""Writes status reports of states that are NaN or out of range."""
+"""Tests if values are within a range, and reports states that are NaN or out of range."""
 
 from __future__ import annotations
 
 import math
 
 from backends.c.functions.function_writer import FunctionWriter
-from backends.c.functions.valid_range import report_outside, within
-from backends.c.interface.state_checks import StateCheck
-from backends.c.interface.status import StatusBit, status_macro
+from backends.c.interface.status import StateCheck, StatusBit, status_macro
 from backends.c_language import tree as c
+from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import BlockScope
+from backends.c_language.tree import Binary, Expression, If, Name, Real, SetBits, Unary
 from backends.c_lowering.state_memory import PlainState
 from backends.c_lowering.values import copy_value
 
@@ -124,3 +124,31 @@ def _restart_in_constant_time(
 
 def _bit(writer: FunctionWriter, bit: StatusBit) -> c.Statement:
     return c.SetBits(c.Name("status"), c.Name(status_macro(writer.interface.prefix, bit)))
+
+
+def within(value: Expression, low: float, high: float, functions: FunctionTable) -> Expression:
+    """low ≤ value ≤ high, False for NaN; a symmetric range needs one comparison."""
+    if low == -high:
+        return Binary("<=", functions.library("abs", (value,)), Real(high))
+    return Binary("&&", Binary(">=", value, Real(low)), Binary("<=", value, Real(high)))
+
+
+def report_outside(
+    writer: FunctionWriter, values: ArrayView, limits: tuple[float, float], bit: StatusBit
+) -> None:
+    """Sets a status bit if an element is outside the limits; NaN always is."""
+    low, high = limits
+    functions = writer.model.functions
+    macro = Name(status_macro(writer.interface.prefix, bit))
+
+    def check(indices: tuple[Index, ...], scope: BlockScope) -> None:
+        value = values.element(indices)
+        if functions.constant_time:
+            outside = functions.helper("outside", (value, Real(low), Real(high)))
+            scope.add(SetBits(Name("status"), Binary("*", outside, macro)))
+            return
+        valid = within(value, low, high, functions)
+        # not `value < low || value > high`, which is false for NaN
+        scope.add(If(Unary("!", valid), (SetBits(Name("status"), macro),)))
+
+    writer.scope.each(values.shape, writer.unroll, check)

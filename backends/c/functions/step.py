@@ -10,17 +10,17 @@ from backends.c.functions.state_reports import (
     STATES_UNSET,
     report_next_states,
     report_not_a_number,
+    report_outside,
     report_unready,
 )
-from backends.c.functions.valid_range import report_outside
 from backends.c.interface.status import StatusBit
 from backends.c.interface.structs import step_text
 from backends.c_language import tree as c
 from backends.c_language.places import ArrayView
-from backends.c_lowering.active_sums import ActiveSums, find_active_sums
+from backends.c_lowering.fuzzy_sets import ActiveSums, find_active_sums
 from backends.c_lowering.graph import GraphLowering
-from backends.c_lowering.shift_while_summing import shifting_sums
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState, joining, seen_values
+from backends.c_lowering.sums import shifting_sums
 from compiler.ir.program import Graph, Program
 from compiler.passes.analyses.saturation import unsaturated
 

@@ -12,9 +12,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from backends.files.atomic_write import naming
-from backends.files.c_compiler import find_compiler, installed_as
-from backends.files.compiler_words import complaints
-from backends.files.run_compiler import CompilerTooSlowError, has_room, run_compiler
+from backends.files.c_compiler import (
+    CompilerTooSlowError,
+    complaints,
+    find_compiler,
+    has_room,
+    installed_as,
+    run_compiler,
+)
 
 LEVEL = "-O2"
 """Optimisation level of libraries that run on recordings of users."""

@@ -13,16 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from backends.c.functions.state_reports import BUFFERS_EMPTY, STATES_UNSET
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.status import StatusBit
-from backends.c.selftest.vectors.first_steps import emptied, filled_by_first
-from backends.c.selftest.vectors.log_of_steps import log_of_steps
-from backends.c.selftest.vectors.policy_reference import (
+from backends.c.selftest.reference_step import (
     apply_policy,
     apply_policy_to_window,
-    first_held,
-)
-from backends.c.selftest.vectors.state_reference import (
+    emptied,
     equation_bits,
+    filled_by_first,
+    first_held,
     first_state_bits,
+    log_of_steps,
     next_state_bits,
     restarted,
     saturation_bits,

@@ -1,1 +1,1 @@
-"""Describes what a user of exported C sees: structs, status bits, metadata."""
+"""Describes the public interface of exported C: structs, status bits, metadata."""

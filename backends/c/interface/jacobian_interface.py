@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from backends.c_language.comments import comment_text
 from backends.c_language.places import ArrayView, c_strides, variable
+from backends.c_language.rendering import comment_text
 from backends.c_language.tree import Name
 from backends.c_lowering.options import COptions
 from backends.c_lowering.state_memory import member_place

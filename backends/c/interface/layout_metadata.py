@@ -1,4 +1,4 @@
-"""Describes generated C as JSON data: the ports of the step, and the fields of every struct."""
+"""Describes generated C as JSON data: ports, fields of every struct, and the Jacobian."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, TypeAlias, assert_never
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
-from backends.c.interface.jacobian_metadata import jacobian_metadata
+from backends.c.interface.jacobian_interface import JacobianInterface
 from backends.c.interface.status import MEANING, SelfTestBit, status_macro
 from backends.c.interface.structs import StructField, structs
 from backends.c_lowering.state_memory import (
@@ -22,6 +22,7 @@ from backends.files.export_identity import OPEN
 from backends.ports.metadata import interface_metadata, json_range
 from backends.ports.step_interface import PortNames, step_interface
 from compiler.ir.program import Declared, History, LayerMemory, Program, Tape
+from compiler.jacobian.matrices import Matrix, Vector
 
 
 def layout_metadata(
@@ -130,3 +131,41 @@ def _ranges(program: Program, interface: Interface) -> _Ranges:
                 assert_never(state.origin)
         ranges["state", memory.identifier] = kept
     return ranges
+
+
+def jacobian_metadata(interface: JacobianInterface) -> dict[str, Any]:
+    """The vectors by letter, and the entries of each matrix by row and column.
+
+    Entries that are not listed are always 0.
+    """
+    found = interface.jacobian
+    vectors = (found.states, found.inputs, found.outputs, found.parameters)
+    return {
+        "vectors": {vector.letter: _members(vector) for vector in vectors},
+        "matrices": {field.matrix.name: _matrix(field.matrix) for field in interface.fields},
+    }
+
+
+def _members(vector: Vector) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": member.name,
+            "first": member.first,
+            "shape": [axis.size for axis in member.axes],
+            "unit": member.unit and member.unit.text,
+        }
+        for member in vector.members
+    ]
+
+
+def _matrix(matrix: Matrix) -> dict[str, Any]:
+    columns = matrix.columns.size
+    places = [divmod(entry, columns) for entry in range(matrix.size)]
+    entries = list(zip(places, matrix.known, matrix.fixed, strict=True))
+    return {
+        "rows": matrix.rows.letter,
+        "columns": matrix.columns.letter,
+        "constant": [[*place, known] for place, known, _ in entries if known],
+        "of_parameters": [[*place] for place, known, fixed in entries if known is None and fixed],
+        "computed": [[*place] for place, known, fixed in entries if known is None and not fixed],
+    }

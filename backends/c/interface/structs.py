@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from backends.c.interface.field_comments import state_comment
-from backends.c.interface.interface import Field, Interface
+from backends.c.interface.interface import Field, Interface, state_comment
 from backends.c_lowering.state_memory import DoubledRing, PlainState
 
 READY = (

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from serve import Contender, clock, serve
 
 from compiler.elaboration.compile import compile_spec
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.model.weights.weights_file import initial_weights
 from msnn.training.engines.engine import Engine
 from msnn.training.plans.stage_plan import StagePlan, plan_stages

@@ -1,20 +1,33 @@
-"""e^x, and its reduced form, on which the hyperbolic and logistic kernels are built."""
+"""e^x and its reduced form, ln x, sigmoid and softplus."""
 
 from __future__ import annotations
 
-from compiler.kernels.routines.double_word import polynomial
-from compiler.kernels.tables.coefficients import EXPONENTIAL, EXPONENTIAL_LIMITS, INVERSE_LN_2, LN_2
-from compiler.kernels.trace.operations import (
+import math
+from collections.abc import Callable
+
+from compiler.kernels.routines.double_word import exact_sum, ordered_sum, polynomial, reciprocal
+from compiler.kernels.tables.coefficients import (
+    EXPONENTIAL,
+    EXPONENTIAL_LIMITS,
+    INVERSE_LN_2,
+    LN_2,
+    LOGARITHM,
+)
+from compiler.kernels.tables.formats import Format
+from compiler.kernels.trace.statements import Table, ValueKind
+from compiler.kernels.trace.values import (
+    Real,
+    Subroutine,
+    Value,
     branch,
+    call,
     constant,
     integer,
     look_up,
+    select,
     to_real,
     to_unsigned,
 )
-from compiler.kernels.trace.statements import Table, ValueKind
-from compiler.kernels.trace.subroutine import Subroutine
-from compiler.kernels.trace.values import Real, Value
 
 
 def round_to_integer(x: Real) -> Real:
@@ -88,3 +101,131 @@ def _exp(x: Real) -> tuple[Value, ...]:
 
 
 EXP = Subroutine("exp", ("x",), "e^x", _exp)
+
+
+def normalise(x: Real) -> tuple[Real, Real]:
+    """m, e with x = m·2^e exactly, 1 ≤ m < 2, e an integer, for finite x ≥ 1."""
+    # portable C cannot read the bits of a float, so compare and scale
+    mantissa = x
+    parts: list[Real] = []
+    step = x.format.overflow_exponent // 2
+    while step >= 1:
+        large = mantissa >= 2.0**step
+        mantissa = mantissa * select(large, 2.0**-step, 1.0)
+        parts.append(select(large, float(step), 0.0))
+        step //= 2
+    exponent = parts[0]
+    for part in parts[1:]:
+        exponent = exponent + part
+    return mantissa, exponent
+
+
+def reduce_logarithm(x: Real) -> tuple[Real, Real]:
+    """f, e with x = (1 + f)·2^e exactly, √½ ≤ 1 + f < √2, for finite x > 0, also subnormal x."""
+    # two steps scale every positive number below 1 into the range of `normalise`
+    half = x.format.overflow_exponent // 2
+    lift = float(-x.format.smallest_exponent - half)
+    very_small = x < 2.0**-half
+    lifted = x * select(very_small, 2.0**lift, 1.0)
+    small = x < 1.0
+    lifted = lifted * select(small, 2.0**half, 1.0)
+    offset = select(very_small, lift, 0.0) + select(small, float(half), 0.0)
+    mantissa, exponent = normalise(lifted)
+    upper = mantissa > math.sqrt(2.0)
+    mantissa = mantissa * select(upper, 0.5, 1.0)
+    exponent = (exponent + select(upper, 1.0, 0.0)) - offset
+    return (mantissa - 1.0).named("f"), exponent
+
+
+def log_1p_rest(f: Real, addend: Real) -> Real:
+    """log(1 + f) + addend − f for −0.3 < f < 0.4143, addend small.
+
+    With s = f/(2 + f), h = f²/2 and log((1+s)/(1−s)) = 2s + s·R this is s·(h + R) − h.
+    """
+    s = f / (2.0 + f)
+    square = s * s
+    half_square = 0.5 * f * f
+    ratio = square * polynomial(square, LOGARITHM[f.format])
+    return (s * (half_square + ratio) + addend) - half_square
+
+
+def _log(x: Real) -> tuple[Value, ...]:
+    ln_2_high, ln_2_low = LN_2[x.format]
+
+    def inside() -> Real:
+        f, exponent = reduce_logarithm(x)
+        # add the small parts first: only the sum with the largest part rounds significantly
+        return exponent * ln_2_high + (log_1p_rest(f, exponent * ln_2_low) + f)
+
+    def not_finite_positive() -> Real:
+        # −∞ at ±0; 0/0 is NaN below; +∞ and NaN stay
+        return branch(
+            x <= 0.0,
+            lambda: branch(x < 0.0, lambda: (x - x) / (x - x), lambda: -1.0 / abs(x), "low"),
+            lambda: x,
+            "special",
+        )
+
+    finite_positive = (x > 0.0) & (x <= x.format.largest)
+    return (branch(finite_positive, inside, not_finite_positive, "result"),)
+
+
+LOG = Subroutine("log", ("x",), "Natural logarithm.", _log)
+
+
+def _limit(format: Format) -> float:
+    """The limit beyond which e^−|x| is less than 1/16 of the last digit of 1."""
+    return (format.digits + 3.0) * 0.6931471805599453
+
+
+def _outside(x: Real, above: Callable[[], Real]) -> Real:
+    """The value for |x| beyond the limit: e^x for x < 0, elsewhere above(), which receives NaN."""
+    return branch(x < 0.0, lambda: call(EXP, x), above, "outside")
+
+
+def _sigmoid(x: Real) -> tuple[Value, ...]:
+    largest_count = x.format.digits + 4
+    size = abs(x).named("size")
+
+    def inside() -> Real:
+        # 1/(1 + e^|x|) with a denominator of two words: (power + 1) + power·s
+        count, s, rest = reduce_exponential(size)
+        power = small_power_of_two(count, largest_count).named("power")
+        whole, lost = ordered_sum(power, constant(x, 1.0))
+        high, low = ordered_sum(whole, power * s)
+        small = reciprocal(high, low + (lost + power * rest)).named("small")
+        return select(x < 0.0, small, 1.0 - small)
+
+    def one() -> Real:
+        return select(x > 0.0, 1.0, x)
+
+    return (branch(size <= _limit(x.format), inside, lambda: _outside(x, one), "result"),)
+
+
+def _softplus(x: Real) -> tuple[Value, ...]:
+    largest_count = x.format.digits + 4
+    ln_2 = sum(LN_2[x.format])
+    size = abs(x).named("size")
+
+    def inside() -> Real:
+        # max(x, 0) + log(1 + e), e = e^−|x| in two words
+        count, s, rest = reduce_exponential(-size)
+        power = 1.0 / small_power_of_two(-count, largest_count)
+        whole = 1.0 + s
+        e = (power * whole).named("e")
+        e_low = power * ((s - (whole - 1.0)) + rest)
+        # log(1 + e) = log 2 + log(1 + (e − 1)/2) for the larger e
+        large = e > 0.4142
+        f_large, f_low = exact_sum(e, constant(x, -1.0))
+        f = select(large, 0.5 * f_large, e)
+        f_rest = select(large, 0.5 * (f_low + e_low), e_low)
+        base = select(x > 0.0, x, 0.0)
+        tail = log_1p_rest(f, f_rest / (1.0 + f)).named("tail")
+        total = base + (f + tail)
+        return select(large, total + ln_2, total)
+
+    return (branch(size <= _limit(x.format), inside, lambda: _outside(x, lambda: x), "result"),)
+
+
+SIGMOID = Subroutine("sigmoid", ("x",), "1 / (1 + e^−x).", _sigmoid)
+SOFTPLUS = Subroutine("softplus", ("x",), "log(1 + e^x).", _softplus)

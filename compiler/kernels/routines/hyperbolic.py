@@ -18,9 +18,7 @@ from compiler.kernels.tables.coefficients import (
     LN_2,
 )
 from compiler.kernels.tables.formats import Format
-from compiler.kernels.trace.operations import branch, select
-from compiler.kernels.trace.subroutine import Subroutine
-from compiler.kernels.trace.values import Real, Value
+from compiler.kernels.trace.values import Real, Subroutine, Value, branch, select
 
 
 def tiny(format: Format) -> float:

@@ -13,9 +13,18 @@ from compiler.kernels.tables.coefficients import (
     HALF_PI,
 )
 from compiler.kernels.tables.formats import Format
-from compiler.kernels.trace.operations import branch, branch_tuple, constant, select, square_root
-from compiler.kernels.trace.subroutine import Subroutine, call
-from compiler.kernels.trace.values import Real, Truth, Value
+from compiler.kernels.trace.values import (
+    Real,
+    Subroutine,
+    Truth,
+    Value,
+    branch,
+    branch_tuple,
+    call,
+    constant,
+    select,
+    square_root,
+)
 
 
 def _half_angle(size: Real) -> tuple[Real, Real]:

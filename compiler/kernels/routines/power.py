@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from compiler.kernels.routines.double_word import exact_product, ordered_sum, polynomial
-from compiler.kernels.routines.exponential import overflowed, reduce_exponential, scale_factors
+from compiler.kernels.routines.exponential import (
+    overflowed,
+    reduce_exponential,
+    reduce_logarithm,
+    scale_factors,
+)
 from compiler.kernels.routines.inverse_trigonometric import is_negative
-from compiler.kernels.routines.logarithm import reduce_logarithm
 from compiler.kernels.tables.coefficients import (
     EXPONENTIAL_LIMITS,
     LN_2,
     LOGARITHM_TAIL,
     TWO_THIRDS,
 )
-from compiler.kernels.trace.operations import (
+from compiler.kernels.trace.statements import ValueKind
+from compiler.kernels.trace.values import (
+    Real,
+    Subroutine,
+    Truth,
+    Value,
     branch,
     branch_tuple,
     constant,
@@ -20,9 +29,6 @@ from compiler.kernels.trace.operations import (
     to_real,
     to_unsigned,
 )
-from compiler.kernels.trace.statements import ValueKind
-from compiler.kernels.trace.subroutine import Subroutine
-from compiler.kernels.trace.values import Real, Truth, Value
 
 
 def _logarithm_words(x: Real) -> tuple[Value, ...]:

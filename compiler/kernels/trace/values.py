@@ -4,21 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from typing import cast
 
 from compiler.kernels.tables.formats import Format
 from compiler.kernels.trace.statements import (
     Assign,
     Binary,
     Block,
+    Branch,
+    Call,
     Constant,
+    Convert,
     Function,
     Local,
+    Lookup,
     Operand,
     Operation,
     Operator,
+    Routine,
+    Select,
     Statement,
+    Table,
     Unary,
     ValueKind,
+    drop_unused,
 )
 
 
@@ -225,3 +235,137 @@ def symbolic(tracer: Tracer, target: Local) -> Value:
             return Truth(tracer, target)
         case ValueKind.UNSIGNED | ValueKind.WIDE:
             return Unsigned(tracer, target)
+
+
+def constant(like: Real, value: float) -> Real:
+    """A constant in the format of `like`."""
+    return Real(like.tracer, real_constant(value, like.format))
+
+
+def integer(like: Value, value: int) -> Unsigned:
+    """A 32-bit integer constant."""
+    return Unsigned(like.tracer, Constant(ValueKind.UNSIGNED, value))
+
+
+def square_root(x: Real) -> Real:
+    """√x, correctly rounded; NaN below zero."""
+    return Real(x.tracer, x.tracer.assign(Unary(Function.SQUARE_ROOT, x.operand), ValueKind.REAL))
+
+
+def to_unsigned(x: Real, kind: ValueKind = ValueKind.UNSIGNED) -> Unsigned:
+    """The integer part of x, as an integer of `kind`: UNSIGNED (32 bits) or WIDE (64 bits).
+
+    The kernel must check that x is in the range of `kind`: the conversion does not check it.
+    """
+    return Unsigned(x.tracer, x.tracer.assign(Convert(x.operand), kind))
+
+
+def to_real(n: Unsigned) -> Real:
+    """The integer as a real; kernels convert only integers that the format represents exactly."""
+    return Real(n.tracer, n.tracer.assign(Convert(n.operand), ValueKind.REAL))
+
+
+def to_kind(n: Unsigned, kind: ValueKind) -> Unsigned:
+    """The integer extended to 64 bits, or its low 32 bits."""
+    return Unsigned(n.tracer, n.tracer.assign(Convert(n.operand), kind))
+
+
+def look_up(table: Table, index: Unsigned) -> Real:
+    """An entry of a table of reals."""
+    return Real(index.tracer, index.tracer.assign(Lookup(table, index.operand), ValueKind.REAL))
+
+
+def look_up_word(table: Table, index: Unsigned) -> Unsigned:
+    """An entry of a table of 32-bit integers."""
+    operand = index.tracer.assign(Lookup(table, index.operand), ValueKind.UNSIGNED)
+    return Unsigned(index.tracer, operand)
+
+
+def select(condition: Truth, then: Real | float, otherwise: Real | float) -> Real:
+    """One of two values; both are computed."""
+    tracer = condition.tracer
+    first = then if isinstance(then, Real) else Real(tracer, real_constant(then, tracer.format))
+    operation = Select(condition.operand, first.operand, first.lift(otherwise))
+    return Real(tracer, tracer.assign(operation, ValueKind.REAL))
+
+
+def select_word(condition: Truth, then: Unsigned, otherwise: Unsigned | int) -> Unsigned:
+    """One of two integers of the same kind."""
+    operation = Select(condition.operand, then.operand, then.lift(otherwise))
+    return Unsigned(condition.tracer, condition.tracer.assign(operation, then.kind))
+
+
+def branch(
+    condition: Truth, then: Callable[[], Real], otherwise: Callable[[], Real], name: str = ""
+) -> Real:
+    """The value of one of two computations; only that one is executed."""
+    return cast(
+        Real,
+        branch_tuple(condition, lambda: (then(),), lambda: (otherwise(),), (name,))[0],
+    )
+
+
+def branch_tuple(
+    condition: Truth,
+    then: Callable[[], tuple[Value, ...]],
+    otherwise: Callable[[], tuple[Value, ...]],
+    names: tuple[str, ...],
+) -> tuple[Value, ...]:
+    """Like `branch`, for several values, with one name each."""
+    tracer = condition.tracer
+    first = tracer.block(then)
+    second = tracer.block(otherwise)
+    # both blocks must give values of the same kinds: a target in C has one type
+    targets = tuple(
+        tracer.new_local(value.kind, name) for value, name in zip(first.values, names, strict=True)
+    )
+    tracer.append(Branch(targets, condition.operand, first, second))
+    return tuple(symbolic(tracer, target) for target in targets)
+
+
+@dataclass(frozen=True, slots=True)
+class Subroutine:
+    """The Python text of a kernel; `build` maps one Real per parameter to one value per result."""
+
+    name: str
+    parameters: tuple[str, ...]
+    doc: str
+    build: Callable[..., tuple[Value, ...]]
+    results: tuple[str, ...] = ("result",)
+
+    def __call__(self, *arguments: Real) -> tuple[Value, ...]:
+        """Records a call of this routine by the routine that is being traced."""
+        tracer = arguments[0].tracer
+        routine = trace(self, tracer.format)
+        kinds = tuple(value.kind for value in routine.body.values)
+        targets = tuple(
+            tracer.new_local(kind, name) for kind, name in zip(kinds, self.results, strict=True)
+        )
+        operands = tuple(argument.operand for argument in arguments)
+        tracer.append(Call(targets, routine, operands))
+        return tuple(symbolic(tracer, target) for target in targets)
+
+
+def call(subroutine: Subroutine, *arguments: Real) -> Real:
+    """Calls a routine with a single real result."""
+    (result,) = subroutine(*arguments)
+    assert isinstance(result, Real)
+    return result
+
+
+# cached by kernel and format: a shared routine is traced and written once
+@cache
+def trace(subroutine: Subroutine, format: Format) -> Routine:
+    """The statements of a kernel in one format."""
+    tracer = Tracer(format)
+    parameters = tuple(tracer.new_local(ValueKind.REAL, name) for name in subroutine.parameters)
+    arguments = tuple(Real(tracer, parameter) for parameter in parameters)
+    body = drop_unused(tracer.block(lambda: subroutine.build(*arguments)))
+    return Routine(
+        name=subroutine.name,
+        doc=subroutine.doc,
+        format=format,
+        parameters=parameters,
+        results=subroutine.results,
+        body=body,
+    )

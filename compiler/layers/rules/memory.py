@@ -1,19 +1,30 @@
-"""Layers with memory: how they read a signal, and the state that they store."""
+"""Layers with memory: how they read a signal, the state that they store, and its initial fit."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, NoReturn
 
-from compiler.ir.program import LayerMemory, NodeId, State
+from compiler.ir.builder import GraphBuilder, copy_node
+from compiler.ir.nodes import needed
+from compiler.ir.ops import ReadState, Window
+from compiler.ir.program import FilterKind, Fit, Graph, LayerMemory, NodeId, filter_arrays
+from compiler.ir.program import State as ProgramState
 from compiler.ir.types import Axis, Type, describe_axes
 from compiler.layers.rules.arguments import read_elements, read_value
-from compiler.layers.rules.layer_context import LayerContext
-from compiler.layers.rules.layer_rule import Arguments
+from compiler.layers.rules.layer_rule import Arguments, LayerContext
+from compiler.linking.link import Connected
+from compiler.lowering.context import owner_of
 from compiler.lowering.environment import START, EnvironmentPart
 from compiler.lowering.expressions import lower
+from compiler.lowering.places import prediction_of
+from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, shapes, time
 from spec_schema.expressions.tree import Expression
 from spec_schema.fields.entry import Entry
+from spec_schema.fields.formulas import Prediction
+from spec_schema.sections.references import names_in
+from spec_schema.sections.signals import Signal, State
 from spec_schema.units.unit import Unit
 
 
@@ -56,7 +67,7 @@ class CallMemory:
     def becomes(self, following: NodeId, start: NodeId, doc: str) -> None:
         """Sets the value after the step, and the initial value (a node of the start graph)."""
         context, axes = self.context, self.type.axes
-        state = State(
+        state = ProgramState(
             name=self.name,
             axes=axes,
             unit=self.type.unit,
@@ -118,3 +129,98 @@ def _at_one_sample(context: LayerContext, nodes: Arguments) -> Arguments:
             what = f"the argument of `{context.name}`"
             context.refuse(shapes.wrong_axes(what, "one sample", "a window", argument.span))
     return nodes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orders:
+    """The kind and orders of the linear system of a layer."""
+
+    kind: FilterKind
+    num: int
+    den: int
+    feedthrough: bool = True
+    radius: float = 1.0
+    out: tuple[Axis, ...]
+    """The axes of the layer's value."""
+
+
+def declare_fit(
+    context: LayerContext, wanted: Prediction, argument: NodeId, orders: Orders
+) -> None:
+    """Adds the initial fit of the layer; reports a layer that is not a system from inputs to a
+    signal.
+
+    There is no fit for a layer of a sub-model with a connected input, as its input is not recorded.
+    Neither is there one for a layer with given or frozen weights.
+    """
+    lowering, name = context.lowering, context.name
+    if owner_of(name) and _is_connected(context):
+        return
+    arrays = filter_arrays(orders.kind, orders.feedthrough)
+    # given or frozen weights are not fitted
+    if any(lowering.given.settles(f"{name}.{array}") for array in arrays):
+        return
+    if context.cells:
+        _refuse(context, "`fit` is not for the cells of a local model", wanted.span)
+    target = prediction_of(lowering, wanted, "fit")
+    entry = lowering.scope[target.signal].entry
+    assert isinstance(entry, Signal | State)
+    axes = lowering.axes_of(entry)
+    if set(axes) != set(orders.out):
+        value, found = describe_axes(orders.out), describe_axes(axes)
+        problem = f"its value is {value}, and `{target.signal}`, which `fit` names, is {found}"
+        _refuse(context, problem, wanted.span)
+    fit = Fit(
+        kind=orders.kind,
+        layer=name,
+        argument=_graph_of(context, argument),
+        target=target,
+        num=orders.num,
+        den=orders.den,
+        feedthrough=orders.feedthrough,
+        radius=orders.radius,
+    )
+    # two calls with the same argument are one system
+    if context.stores.fits.setdefault(name, fit) != fit:
+        problem = f"`fit` is for one argument, and `{name}` is called with two"
+        _refuse(context, problem, context.call.arguments[0].span, "this argument")
+
+
+def _graph_of(context: LayerContext, argument: NodeId) -> Graph:
+    """Copies the layer's argument to a separate graph."""
+    graph, own = context.builder.graph(), GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    # operands come before their users: later nodes are not needed
+    for index, is_needed in enumerate(needed(graph, [argument])[: argument + 1]):
+        if not is_needed:
+            continue
+        node = graph[index]
+        if isinstance(node.op, ReadState | Window):
+            problem = "`fit` needs an argument of inputs alone, and this one depends on a state"
+            _refuse(context, problem, context.call.arguments[0].span, "this argument")
+        copies[index] = copy_node(own, node, tuple(copies[arg] for arg in node.args))
+    return own.graph()
+
+
+def _is_connected(context: LayerContext) -> bool:
+    """True if the arguments depend on an input that a parent model connects."""
+    seen: set[str] = set()
+    waiting: list[Any] = list(context.call.arguments)
+    while waiting:
+        for name in names_in(waiting.pop()):
+            declared = context.lowering.scope.get(name)
+            if declared is None or name in seen:
+                continue
+            if isinstance(declared.entry, Connected):
+                return True
+            seen.add(name)
+            waiting.append(declared.entry)
+    return False
+
+
+def _refuse(
+    context: LayerContext, problem: str, span: Span, label: str = "this setting"
+) -> NoReturn:
+    called = f"`{context.name}(e)` with an expression e of inputs"
+    repair = f"leave `fit` out, or write {called}, and `fit:` of a signal that has its value's axes"
+    context.refuse(names.unfit_setting(f"`{context.name}`", problem, span, repair, label))

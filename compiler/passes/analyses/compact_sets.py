@@ -9,7 +9,7 @@ from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.layers.rules.fuzzy_sets import FuzzySets, between, triangular
-from compiler.passes.simplify.fold_constants import folded
+from compiler.passes.simplify import folded
 from spec_schema.late_dataclass import dataclass
 
 

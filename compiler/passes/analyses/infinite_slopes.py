@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId, Program
-from compiler.passes.analyses.intervals import Interval
-from compiler.passes.analyses.value_ranges import ValueRanges, holding
+from compiler.passes.analyses.intervals import Interval, ValueRanges, holding
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import calculus as errors

@@ -11,18 +11,171 @@ from numpy.typing import NDArray
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Expected, Graph, Node, NodeId
-from compiler.ir.types import WINDOW
-from compiler.passes.analyses.element_parts import (
-    gathered,
-    kept_axes,
-    moved,
-    read_parameter,
-    read_samples,
-    size_along,
-    spread,
-)
+from compiler.ir.types import WINDOW, Axis
 from compiler.passes.analyses.kept_slices import Kept
-from compiler.passes.analyses.zero_slices import contracted_zeros, renamed, zero_slices
+
+BoolArray = NDArray[np.bool_]
+ZerosOfAxes = dict[str, BoolArray]
+"""By axis, a mask of the slices that are 0; axes without zero slices are absent."""
+
+
+def zero_slices(graph: Graph, arrays: Mapping[str, NDArray[np.float64]]) -> list[ZerosOfAxes]:
+    """The zero slices of every node; `arrays` are the learned parameters to consider."""
+    found: list[ZerosOfAxes] = []
+    for _, node in graph:
+        zeros = _zeros(graph, node, found, arrays)
+        found.append({axis: zero for axis, zero in zeros.items() if zero.any()})
+    return found
+
+
+def _zeros(
+    graph: Graph,
+    node: Node,
+    found: list[ZerosOfAxes],
+    arrays: Mapping[str, NDArray[np.float64]],
+) -> ZerosOfAxes:
+    of = [found[arg] for arg in node.args]
+    match node.op:
+        case ops.ReadParameter(name) if name in arrays:
+            value = arrays[name]
+            return {
+                # NaN != 0 is true: a NaN is never removed
+                axis.name: ~np.moveaxis(value != 0.0, at, 0).reshape(axis.size, -1).any(axis=1)
+                for at, axis in enumerate(node.type.axes)
+            }
+        case ops.Multiply():
+            return _either(*of)
+        # a sum is 0 where all terms are 0, a product where any factor is 0
+        case ops.Add() | ops.Subtract():
+            left, right = of
+            return {axis: left[axis] & right[axis] for axis in left.keys() & right.keys()}
+        # 0/0 counts as 0: pruning preserves outputs only where values are finite
+        case ops.Negate() | ops.Divide() | ops.Identity() | ops.Broadcast() | ops.Sum():
+            return {axis: zero for axis, zero in of[0].items() if node.type.axis(axis)}
+        case ops.Contract(axis):
+            return {name: zero for name, zero in _either(*of).items() if name != axis}
+        case ops.Reshape():
+            names = renamed(graph, node)
+            return {} if names is None else {names[axis]: zero for axis, zero in of[0].items()}
+        case _:
+            return {}
+
+
+def _either(left: ZerosOfAxes, right: ZerosOfAxes) -> ZerosOfAxes:
+    both = {axis: left[axis] | right[axis] for axis in left.keys() & right.keys()}
+    return {**left, **right, **both}
+
+
+def contracted_zeros(graph: Graph, node: NodeId, found: list[ZerosOfAxes]) -> BoolArray | None:
+    """A mask of the zero terms of a sum or contraction; None if there are none."""
+    op = graph[node].op
+    assert isinstance(op, ops.Reduction)
+    # a term with a zero factor adds nothing
+    zeros = [found[arg][op.axis] for arg in graph[node].args if op.axis in found[arg]]
+    return np.any(zeros, axis=0) if zeros else None
+
+
+def renamed(graph: Graph, node: Node) -> dict[str, str] | None:
+    """The new name of each axis if a reshape only renames them; otherwise None."""
+    before, after = graph[node.args[0]].type.axes, node.type.axes
+    if [axis.size for axis in before] != [axis.size for axis in after]:
+        # other lengths mix elements of slices
+        return None
+    return {old.name: new.name for old, new in zip(before, after, strict=True)}
+
+
+def size_along(node: Node, axis: str) -> int:
+    """Number of elements along one of the node's axes."""
+    return node.type.axes[node.type.position(axis)].size
+
+
+def kept_axes(node: Node, chosen: Mapping[str, Kept]) -> tuple[Axis, ...]:
+    """The axes of a node after selecting the chosen elements."""
+    return tuple(
+        Axis(axis.name, len(chosen[axis.name])) if axis.name in chosen else axis
+        for axis in node.type.axes
+    )
+
+
+def moved(kept: Kept, distance: int) -> Kept:
+    """The same elements, with indices shifted by `distance`."""
+    return tuple(index + distance for index in kept)
+
+
+def read_parameter(
+    builder: GraphBuilder,
+    node: Node,
+    name: str,
+    chosen: Mapping[str, Kept],
+    cuts: Mapping[tuple[str, int], Kept],
+) -> NodeId:
+    """The chosen elements of a parameter; `cuts` are already removed from the weights."""
+    named = [axis.name for axis in node.type.axes]
+    cut = {axis: cuts[name, at] for at, axis in enumerate(named) if (name, at) in cuts}
+    # elements removed from the file of weights are not removed again
+    found = builder.parameter(name, node.type.with_axes(kept_axes(node, cut)))
+    return gathered(builder, found, {a: kept for a, kept in chosen.items() if a not in cut})
+
+
+def read_samples(
+    builder: GraphBuilder,
+    node: Node,
+    op: ops.ReadSignal | ops.ReadLog,
+    chosen: Mapping[str, Kept],
+) -> NodeId:
+    """Samples of a signal, read over the shortest window that contains the chosen ones."""
+    # the window has no gaps between its oldest and newest sample, since ports are windows
+    oldest, newest = chosen[WINDOW][0], chosen[WINDOW][-1]
+    near = {WINDOW: tuple(range(oldest, newest + 1))}
+    # a shorter window needs less memory in exports
+    read = replace(op, first=op.first + oldest, last=op.first + newest)
+    found = builder.emit(read, (), node.type.with_axes(kept_axes(node, near)), node.span)
+    return gathered(builder, found, {**chosen, WINDOW: moved(chosen[WINDOW], -oldest)})
+
+
+def gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) -> NodeId:
+    """The chosen elements of a value: a concatenation of slices."""
+    for axis, kept in chosen.items():
+        parts = [builder.slice(value, axis, *run) for run in _runs(kept)]
+        value = builder.concat(parts, axis) if len(parts) > 1 else parts[0]
+    return value
+
+
+# zeros are inserted for sums without nonzero terms
+def spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: Kept) -> NodeId:
+    """The kept elements at their positions among the wanted ones, zeros elsewhere."""
+    if wanted == kept:
+        return value
+    type = builder.type(value)
+    places = {element: place for place, element in enumerate(kept)}
+    parts: list[NodeId] = []
+    begin = 0
+    while begin < len(wanted):
+        there = wanted[begin] in places
+        end = begin
+        while end < len(wanted) and (wanted[end] in places) == there:
+            end += 1
+        if there:
+            first = places[wanted[begin]]
+            parts.append(builder.slice(value, axis, first, first + end - begin))
+        else:
+            axes = tuple(Axis(a.name, end - begin) if a.name == axis else a for a in type.axes)
+            zero = builder.constant(0.0, unit=type.unit)
+            parts.append(builder.broadcast(zero, axes))
+        begin = end
+    return builder.concat(parts, axis) if len(parts) > 1 else parts[0]
+
+
+def _runs(kept: Kept) -> list[tuple[int, int]]:
+    """Splits indices into runs start … stop−1 of consecutive ones."""
+    runs: list[tuple[int, int]] = []
+    for index in kept:
+        if runs and runs[-1][1] == index:
+            runs[-1] = (runs[-1][0], index + 1)
+        else:
+            runs.append((index, index + 1))
+    return runs
+
 
 Selection = frozenset[tuple[str, Kept]]
 """The needed indices along the listed axes; other axes are needed as a whole."""

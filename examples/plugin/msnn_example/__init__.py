@@ -2,6 +2,7 @@
 
 from msnn.extending import (
     Feature,
+    FormatLine,
     FunctionLine,
     LateEntry,
     LateObject,
@@ -9,6 +10,7 @@ from msnn.extending import (
     SectionLine,
     Signature,
     TargetLine,
+    VerbLine,
 )
 
 FEATURE = Feature(
@@ -44,6 +46,21 @@ FEATURE = Feature(
             LateEntry("msnn_example.dead_zone", "DeadZone"),
             LateObject("msnn_example.dead_zone", "DEAD_ZONE"),
             "0 within a learned width around 0, and linear outside.",
+        ),
+    ),
+    verbs=(
+        VerbLine(
+            "operations",
+            "Count the operations of a step by kind.",
+            LateObject("msnn_example.operations", "operations"),
+        ),
+    ),
+    formats=(
+        FormatLine(
+            name="JSON lines",
+            suffixes=(".jsonl", ".ndjson"),
+            read=LateObject("msnn_example.json_lines", "read"),
+            is_text=True,
         ),
     ),
 )

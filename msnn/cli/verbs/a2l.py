@@ -49,9 +49,9 @@ def a2l(
     does not have the structs of the export.
     """
     from backends.files.atomic_write import write_text
-    from msnn.calibration.fill_addresses import fill_addresses
+    from msnn.calibration import fill_addresses
     from msnn.cli.console import json_result, report, result
-    from msnn.exports.foreign_files import spare_foreign_files
+    from msnn.exports.export import spare_foreign_files
 
     named = {
         "params": params,

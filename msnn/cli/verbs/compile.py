@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from msnn.cli.arguments import Settings, SpecFile
-from msnn.cli.manners import NOW
+from msnn.cli.output_options import NOW
 
 
 def compile_(

@@ -15,6 +15,7 @@ from msnn.cli.arguments import (
     ResultFormat,
     Settings,
     SummaryFile,
+    words_of,
 )
 from msnn.cli.exit_codes import ExitCode
 
@@ -31,14 +32,14 @@ def diff(
     new_settings: NewSettings = None,
     data_root: DataRoot = None,
     fail_on: Annotated[
-        str,
+        list[str] | None,
         typer.Option(
             "--fail-on",
             metavar="any|breaking|worse|never",
             help="What is no success: any other meaning, an interface that breaks those who use "
-            "it, a metric that is worse; several with commas.",
+            "it, a metric that is worse; several with commas; default: any.",
         ),
-    ] = "any",
+    ] = None,
     margin: Annotated[
         float,
         typer.Option(metavar="PERCENT", help="How much the error of a metric may grow.", min=0),
@@ -55,8 +56,14 @@ def diff(
     `--fail-on` is found, 3 when that is only a metric.
     """
     from msnn.api.changes import changes
-    from msnn.cli.console import json_result, progress_stream, report, result, spare_files_of
-    from msnn.cli.step_progress import StepProgress
+    from msnn.cli.console import (
+        StepProgress,
+        json_result,
+        progress_stream,
+        report,
+        result,
+        spare_files_of,
+    )
     from msnn.features.changes.model_changes import FailOn
     from msnn.features.changes.report import (
         changes_markdown,
@@ -66,9 +73,9 @@ def diff(
     )
     from msnn.model.load import load_model
 
-    asked = {word.strip() for word in fail_on.split(",")}
-    if unknown := sorted(asked - set(get_args(FailOn))):
-        message = f"`{unknown[0]}` is none of {', '.join(get_args(FailOn))}"
+    asked = {"any"} if fail_on is None else {*words_of(fail_on)}
+    if (unknown := sorted(asked - {*get_args(FailOn)})) or not asked:
+        message = f"`{''.join(unknown[:1])}` is none of {', '.join(get_args(FailOn))}"
         raise typer.BadParameter(message, param_hint="'--fail-on'")
     wanted, share = cast("set[FailOn]", asked), margin / 100
     of_both = tuple(settings or ())
@@ -90,7 +97,7 @@ def diff(
     # what is wrong is wrong with the new one: places are shown in its text
     report(failures(found, wanted, share), models[1].sources)
     if summary is not None:
-        from msnn.cli.summary import append_summary
+        from msnn.cli.console import append_summary
 
         append_summary(summary, changes_markdown(found, share))
     if format is ResultFormat.JSON:

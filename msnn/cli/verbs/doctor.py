@@ -29,10 +29,16 @@ def doctor(
     Versions, the C compiler, optional packages; what is missing with the line that installs it. All
     of it is optional but what comes with msnn. Where compiled kernels are kept and how many.
     """
-    from backends.native.kernel_cache.contents import CacheLimits
+    from backends.native.kernel_cache import CacheLimits
     from msnn.cli.console import json_result, note, report, result
-    from msnn.project.installation import InstalledPart, installation, plugin_parts
-    from msnn.project.kernels import cleaned_cache, kernel_cache
+    from msnn.project.installation import (
+        InstalledPart,
+        cleaned_cache,
+        installation,
+        kernel_cache,
+        plugin_parts,
+        plugin_values,
+    )
     from msnn.tables import table_text
     from spec_schema.plugins import look_up
 
@@ -52,7 +58,11 @@ def doctor(
         InstalledPart("cache", "compiled kernels", cache.text, remedy),
     ]
     if format is ResultFormat.JSON:
-        record = {"parts": [asdict(part) for part in parts], "kernels": cache.values()}
+        record = {
+            "parts": [asdict(part) for part in parts],
+            "plugins": plugin_values(plugins),
+            "kernels": cache.values(),
+        }
         json_result("doctor", record)
     else:
         rows = [(p.name, p.found or f"missing: {p.install}", p.purpose) for p in parts]

@@ -19,6 +19,7 @@ from msnn.cli.arguments import (
     SpecFile,
     WeightsFile,
     refuse_two_origins,
+    words_of,
 )
 from msnn.cli.exit_codes import ExitCode
 from msnn.exports.table import EXTRAS, TARGETS, every_target, names_for
@@ -27,15 +28,15 @@ from msnn.exports.table import EXTRAS, TARGETS, every_target, names_for
 def export(
     spec: SpecFile,
     to: Annotated[
-        str,
+        list[str] | None,
         typer.Option(
             metavar="TARGET,…",
             help="c, fmu, mpc, onnx, casadi, torch or all; default: those of the spec's `export:`, "
             "else all.",
         ),
-    ] = "",
+    ] = None,
     extra: Annotated[
-        str,
+        list[str] | None,
         typer.Option(
             "--with",
             metavar="EXTRA,…",
@@ -47,7 +48,7 @@ def export(
             )
             + ".",
         ),
-    ] = "",
+    ] = None,
     weights: WeightsFile = None,
     initial: Initial = False,
     runs: RunsFolder = RUNS,
@@ -67,8 +68,8 @@ def export(
     code 3 when one of them computes something else than the interpreter.
     """
     from msnn.cli.console import json_result, note, report, report_model, result
+    from msnn.exports.describe import left_out
     from msnn.exports.export import plan_exports, writable_targets, write_export
-    from msnn.exports.left_out import left_out
     from msnn.exports.target import AnyPlan, Written
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
@@ -77,12 +78,12 @@ def export(
     from spec_schema.plugins import look_up
 
     refuse_two_origins(weights, initial)
-    names = [name.strip() for name in to.split(",") if name.strip()]
+    names = words_of(to)
     known = names_for(names)
     if not {*known, "all"}.issuperset(names):
         report(look_up().warnings, ())
     _refuse_unknown(names, (*known, "all"), "--to")
-    extras = [name.strip() for name in extra.split(",") if name.strip()]
+    extras = words_of(extra)
     if not {*EXTRAS}.issuperset(extras):
         look_up()
     every = every_target()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from msnn.cli.exit_codes import ExitCode
-from msnn.cli.manners import STANDARD_OUTPUT
+from msnn.cli.output_options import STANDARD_OUTPUT
 
 if TYPE_CHECKING:
     from spec_schema.diagnostics.source import SourceText
@@ -77,7 +77,7 @@ def fmt(
 
 def _source(file: Path) -> SourceText:
     """The text of the file with its original line endings."""
-    from spec_schema.reading.one_file import read_file
+    from spec_schema.reading.reader import read_file
 
     return read_file(file)
 

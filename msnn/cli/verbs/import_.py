@@ -31,7 +31,7 @@ def import_(
     in Python are translated from their source or refused with the line: nothing of the file is
     run. Nothing that exists is overwritten.
     """
-    from msnn.api.imports import import_nnodely
+    from msnn.api.models import import_nnodely
     from msnn.cli.console import json_result, report, result
 
     if out is not None and out.suffix not in (".yaml", ".yml") and not out.is_dir():

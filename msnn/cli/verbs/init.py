@@ -29,8 +29,7 @@ def init(
     exists is overwritten.
     """
     from msnn.cli.console import note, result
-    from msnn.features.data_check.first_spec.new_project import new_project_from
-    from msnn.features.data_check.first_spec.new_spec import TargetNotNamedError
+    from msnn.features.data_check.first_spec.new_spec import TargetNotNamedError, new_project_from
     from msnn.project.new_project import new_project
 
     if data is None:

@@ -39,7 +39,7 @@ def report(
     """
     from msnn.api import reports
     from msnn.cli import console
-    from msnn.cli.step_progress import StepProgress
+    from msnn.cli.console import StepProgress
 
     if out is not None and out.suffix not in (".html", ".htm"):
         # a spec or a record that stands there would be gone

@@ -128,8 +128,7 @@ def _show_run(folder: Path, plot: Path | None, format: ResultFormat) -> None:
     else:
         result(run_text(run))
     if plot is not None:
-        from msnn.reports.functions_of_run import functions_of_run
-        from msnn.reports.pictures.run import plot_run
+        from msnn.reports.run_plots import functions_of_run, plot_run
 
         epochs = [stage.epochs for stage in run.stages]
         note(f"drawn: {plot_run(plot, epochs, functions_of_run(run))}")

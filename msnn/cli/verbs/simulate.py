@@ -22,7 +22,7 @@ from msnn.cli.arguments import (
     refuse_two_origins,
     refuse_undrawable,
 )
-from msnn.cli.manners import NOW
+from msnn.cli.output_options import NOW
 
 _DEFAULT, _BEGIN = Path("simulation.csv"), b"file,set,row"
 """The default output file, and its first bytes."""
@@ -80,13 +80,19 @@ def simulate(
     measured and the ends of intervals.
     """
     from msnn.api import measurements
-    from msnn.cli.console import json_result, note, progress_stream, report, report_model, result
-    from msnn.cli.step_progress import StepProgress
-    from msnn.exports.foreign_files import spare_foreign_files
+    from msnn.cli.console import (
+        StepProgress,
+        json_result,
+        note,
+        progress_stream,
+        report,
+        report_model,
+        result,
+    )
+    from msnn.exports.export import spare_foreign_files
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
-    from msnn.simulation.simulate import simulation_program
-    from msnn.simulation.table import run_record, write_simulation
+    from msnn.simulation.simulate import run_record, simulation_program, write_simulation
     from msnn.tables import count
 
     refuse_two_origins(weights, initial)
@@ -126,7 +132,7 @@ def simulate(
         rows = sum(run.steps for run in found)
         result(f"{file}: {count(len(found), 'run')}, {count(rows, 'step')}")
     if plot is not None:
-        from msnn.reports.pictures.simulation import plot_simulation
+        from msnn.reports.simulation_plots import plot_simulation
 
         # stdout has one JSON document and nothing else
         say = note if format is ResultFormat.JSON else result

@@ -111,7 +111,7 @@ def _train(
 
     # torch takes seconds to load: only a spec without mistakes waits for it
     from msnn.api import trainings
-    from msnn.errors.ranks import one_process_alone
+    from msnn.errors.learning.engines import one_process_alone
     from msnn.reports.training_summary import (
         Recorded,
         errors_note,
@@ -120,7 +120,7 @@ def _train(
         training_record,
         zeros_note,
     )
-    from msnn.terminals import is_live
+    from msnn.tables import is_live
     from msnn.training.records.progress import Lines, LinesOfStages
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
     from spec_schema.diagnostics.diagnostic import SpecError

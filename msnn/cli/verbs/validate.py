@@ -56,16 +56,25 @@ def validate(
     when a limit is broken.
     """
     from msnn.api import measurements
-    from msnn.cli.console import json_result, note, progress_stream, report, report_model, result
-    from msnn.cli.step_progress import StepProgress
+    from msnn.cli.console import (
+        StepProgress,
+        json_result,
+        note,
+        progress_stream,
+        report,
+        report_model,
+        result,
+    )
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.simulation.engines.open_rollouts import known_engine
-    from msnn.validation.reports.engines_report import EnginesReport, engines_record, engines_table
     from msnn.validation.reports.errors_report import coverage_table, regions_table, residuals_table
     from msnn.validation.reports.report import (
+        EnginesReport,
         broken_limits,
         curves_table,
+        engines_record,
+        engines_table,
         junit_text,
         measurements_table,
         metrics_markdown,
@@ -111,7 +120,7 @@ def validate(
 
         write_text(junit, junit_text(model.name, found))
     if summary is not None:
-        from msnn.cli.summary import append_summary
+        from msnn.cli.console import append_summary
 
         append_summary(summary, metrics_markdown(model.name, found))
     if every is not None:
@@ -133,7 +142,7 @@ def validate(
         )
         result("\n\n".join(table for table in tables if table))
     if plot is not None:
-        from msnn.reports.pictures.validation import plot_validation
+        from msnn.reports.simulation_plots import plot_validation
 
         note(f"drawn: {plot_validation(plot, found)}")
     # after all that was asked for is written: a pipeline wants the report of a broken limit most

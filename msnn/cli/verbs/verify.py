@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from msnn.cli.arguments import OutputFormat, ResultFormat
+from msnn.cli.arguments import OutputFormat, ResultFormat, words_of
 from msnn.cli.exit_codes import ExitCode
 from msnn.verification.on_board.link import FORMS, Link, Ram, link_of, ram_of
 
@@ -20,9 +20,12 @@ def verify(
         ),
     ],
     targets: Annotated[
-        str,
-        typer.Option(metavar="TARGET,…", help="host, m4, m7, m0, rv32 or all; boards run in QEMU."),
-    ] = "host",
+        list[str] | None,
+        typer.Option(
+            metavar="TARGET,…",
+            help="host, m4, m7, m0, rv32 or all; default: host; boards run in QEMU.",
+        ),
+    ] = None,
     proof: Annotated[
         bool,
         typer.Option(
@@ -70,12 +73,10 @@ def verify(
         verification_text,
         verification_values,
     )
-    from msnn.verification.serve_files import write_serve_files
-    from msnn.verification.verified_export import WantedSteps
-    from msnn.verification.verify import TARGETS
+    from msnn.verification.verify import TARGETS, WantedSteps, write_serve_files
     from msnn.verification.verify import verify as verify_export
 
-    names = [name.strip() for name in targets.split(",") if name.strip()]
+    names = ["host"] if targets is None else words_of(targets)
     for name in names:
         if name not in (*TARGETS, "all"):
             message = f"`{name}` is none of {', '.join(TARGETS)} and all"

@@ -10,7 +10,7 @@ from msnn.data.formats.written_units import StatedUnit
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.units.unit import Unit
 
 ColumnKey = str | int

@@ -19,11 +19,15 @@ from msnn.packages import (
     SCIPY,
     OptionalPackage,
 )
+from spec_schema import registry
 from spec_schema.late_dataclass import dataclass
+from spec_schema.plugins import look_up
 
 if TYPE_CHECKING:
+    from msnn.data.formats.plugin_file import PluginReader
     from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
     from msnn.data.formats.text.csv_header import Dialect
+    from spec_schema.diagnostics.diagnostic import Diagnostic
 
     Reader = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | Streams]
     """(path, its name in messages, what is wanted, layout of text) → columns; raises SpecError."""
@@ -31,11 +35,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileFormat:
-    """One file format. The reader is the function `read` of `module`, imported on first use."""
+    """One file format. The reader is the function `read` of `module`, imported on first use, or
+    that of a plug-in.
+    """
 
     name: str
     suffixes: tuple[str, ...]
-    module: str
+    module: str = ""
+    plugin: PluginReader | None = None
     packages: tuple[OptionalPackage, ...] = ()
     is_text: bool = False
     is_isolated: bool = False
@@ -48,11 +55,18 @@ class FileFormat:
     """True if the file itself stores the time of each value."""
 
     @property
+    def has_lines(self) -> bool:
+        """True if a message may show a line of the file."""
+        return self.is_text or (self.plugin is not None and self.plugin.is_text)
+
+    @property
     def reader(self) -> Reader:
         if self.is_isolated:
             from msnn.data.formats.isolation.reader import isolated
 
-            return isolated(self.module)
+            return isolated(self.plugin or self.module)
+        if self.plugin is not None:
+            return self.plugin
         # each reader brings its library, of which some take a second to load
         return import_module(self.module).read
 
@@ -137,9 +151,35 @@ SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.suffixes)
 
 
 def format_of(path: Path | str) -> FileFormat:
-    """The format of a file; an unknown suffix means text."""
+    """The format of a file, of ours or of a plug-in; an unknown suffix means text."""
     suffix = Path(path).suffix.lower()
-    return next((format for format in FORMATS if suffix in format.suffixes), TEXT)
+    ours = next((format for format in FORMATS if suffix in format.suffixes), None)
+    return ours or _format_of_plugin(suffix) or TEXT
+
+
+def warnings_of_plugins(path: Path | str) -> tuple[Diagnostic, ...]:
+    """Warnings about omitted plug-ins, if no installed format has the suffix of the file."""
+    suffix = Path(path).suffix.lower()
+    if suffix in ("", *SUFFIXES) or _format_of_plugin(suffix) is not None:
+        return ()
+    return look_up().warnings
+
+
+def _format_of_plugin(suffix: str) -> FileFormat | None:
+    if not suffix:
+        return None
+    look_up()
+    line = registry.FORMATS.get(suffix)
+    if line is None:
+        return None
+    from msnn.data.formats.plugin_file import plugin_reader
+
+    return FileFormat(
+        name=line.name,
+        suffixes=line.suffixes,
+        plugin=plugin_reader(line, suffix),
+        is_isolated=line.is_isolated,
+    )
 
 
 def require_reader(path: Path | str) -> None:

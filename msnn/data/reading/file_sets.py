@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spec_schema.editors.spec_data import entry_data
-from spec_schema.sections.data.data import Data, Source
+from spec_schema.sections.data import Data, Source
 from spec_schema.sections.spec import Spec
-from spec_schema.sections.validation import Validation
+from spec_schema.sections.training import Validation
 
 if TYPE_CHECKING:
     from compiler.ir.program import Program

@@ -1,30 +1,25 @@
-"""Finds the files of a data source: names, patterns and folders, relative to the spec."""
+"""Finds the files of a data source, relative to the spec, and keys that have no effect on them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.table_of_formats import (
-    SUFFIXES,
-    FileFormat,
-    format_of,
-    require_reader,
-)
+from msnn.data.formats.table_of_formats import SUFFIXES, FileFormat, format_of, require_reader
 from msnn.data.reading.splits import split_source
 from msnn.errors.data import files as errors
 from msnn.errors.data import rows as row_errors
+from msnn.errors.data.rows import unused_key
 from msnn.errors.workflow import unknown_set
-from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.editors.spec_data import entry_data
-from spec_schema.fields.located import Located
-from spec_schema.reading.endless_files import refuse_endless
-from spec_schema.sections.data.data import Data, Source
-from spec_schema.sections.data.splits import SETS
+from spec_schema.fields.leaf import Located
+from spec_schema.reading.reader import refuse_endless
+from spec_schema.sections.data import SETS, Data, Layout, Source
 
 GIVEN = "data"
 """The name of the set for data that replace the spec's data, if the user names none."""
@@ -50,6 +45,11 @@ class DataFile:
     @property
     def is_text(self) -> bool:
         return self.arrays is None and self.format.is_text
+
+    @property
+    def has_lines(self) -> bool:
+        """True if a message may show a line of the file."""
+        return self.arrays is None and self.format.has_lines
 
     @property
     def keeps_time(self) -> bool:
@@ -148,8 +148,14 @@ def matching(folder: Path, pattern: str) -> list[Path]:
     """The files that match a name, a pattern or a folder."""
     plain = folder / pattern
     if plain.is_dir():
-        direct = sorted(p for p in plain.iterdir() if p.suffix.lower() in SUFFIXES and _is_data(p))
-        return direct or sorted(filter(_is_data, plain.rglob("*.parquet")))
+        direct = sorted(filter(_is_data, plain.iterdir()))
+        ours = [path for path in direct if path.suffix.lower() in SUFFIXES]
+        # formats of plug-ins last: a folder that msnn reads has the same files with every plug-in
+        return (
+            ours
+            or sorted(filter(_is_data, plain.rglob("*.parquet")))
+            or [path for path in direct if format_of(path).plugin is not None]
+        )
     if plain.is_file():
         return [plain]
     # the folders before the first wildcard are taken as they are: they may be absolute, glob() may
@@ -200,3 +206,63 @@ def _is_data(path: Path) -> bool:
 
 def _shown(path: Path, folder: Path) -> str:
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+
+
+def unused_keys(
+    data: Data, files: Sequence[DataFile], sample_time: float | None
+) -> Iterator[Diagnostic]:
+    """Yields one error for each key that affects no file in its scope."""
+    for scope in (data, *data.source.values()):
+        yield from _of_text(scope, _scope(scope, "csv", data, files))
+        yield from _of_records(scope, _scope(scope, "records", data, files))
+        yield from _of_times(scope, data, files, sample_time)
+
+
+def _scope(scope: Layout, key: str, data: Data, files: Sequence[DataFile]) -> list[DataFile]:
+    """The files that a key applies to; a set's own key overrides the default of all sets."""
+    if scope is data:
+        return [file for file in files if getattr(file.layout, key) is None]
+    return [file for file in files if file.layout is scope]
+
+
+def _of_text(scope: Layout, files: Sequence[DataFile]) -> Iterator[Diagnostic]:
+    if scope.csv is None or not files:
+        return
+    read = {key for file in files for key in file.format.text_keys}
+    for key in ("delimiter", "decimal", "comment", "header", "skip"):
+        if key in scope.csv.model_fields_set - read:
+            reason = f"{files[0].shown} is a file of {files[0].format.name}"
+            yield unused_key(f"csv: {{{key}}}", reason, scope.csv.place.value)
+
+
+def _of_records(scope: Layout, files: Sequence[DataFile]) -> Iterator[Diagnostic]:
+    has_groups = any(file.path.suffix.lower() == ".parquet" for file in files)
+    if scope.records == "row_group" and files and not has_groups:
+        reason = f"{files[0].shown} is a file of {files[0].format.name}, without row groups"
+        yield unused_key("records: row_group", reason, scope.place.key)
+
+
+def unused_without_times(file: DataFile, data: Data) -> Iterator[Diagnostic]:
+    """Reports the keys that need times, for a file that may have times and has none."""
+    layout = file.layout
+    reason = f"{file.shown} has no times without `time:`"
+    if (layout.resample or data.resample) == "none":
+        yield unused_key("resample: none", reason, layout.place.key)
+    if data.join if layout.join is None else layout.join:
+        yield unused_key("join: true", reason, layout.place.key)
+
+
+def _of_times(
+    scope: Layout, data: Data, files: Sequence[DataFile], sample_time: float | None
+) -> Iterator[Diagnostic]:
+    asked = {"resample": scope.resample == "none", "join": bool(scope.join)}
+    for key, text in (("resample", "resample: none"), ("join", "join: true")):
+        mine = _scope(scope, key, data, files)
+        if not asked[key] or not mine:
+            continue
+        if sample_time is None:
+            reason = "the rows of a model without `sample_time` are samples by themselves"
+            yield unused_key(text, reason, scope.place.key)
+        elif not any(file.keeps_time or file.layout.time or data.time for file in mine):
+            reason = f"the rows of {mine[0].shown} have no time without `time:`"
+            yield unused_key(text, reason, scope.place.key)

@@ -1,4 +1,4 @@
-"""Reads all data of a spec into one `Dataset`, and reports all faulty files together."""
+"""Reads all data of a spec into one dataset, in memory or on disk, and reports all faulty files."""
 
 from __future__ import annotations
 
@@ -8,26 +8,25 @@ from pathlib import Path
 
 import numpy as np
 
+from backends.files.disk_arrays import ArrayFile
+from backends.native.kernel_cache import cache_folder
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import BoolArray, Dataset, FileRows, FloatArray, Record
 from msnn.data.formats.table import ColumnKey, ColumnTable
-from msnn.data.formats.table_of_formats import require_reader
-from msnn.data.reading.disk_series import DiskSeries
-from msnn.data.reading.files import DataFile, find_files
+from msnn.data.formats.table_of_formats import require_reader, warnings_of_plugins
+from msnn.data.reading.files import DataFile, find_files, unused_keys
 from msnn.data.reading.part import FilePart, KeptValues, part_of
 from msnn.data.reading.read_file import ReadFile, read_file
 from msnn.data.reading.recordings import recordings
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
-from msnn.data.reading.unused_keys import unused_keys
-from msnn.data.reads import measured_beside
+from msnn.data.rollout_rows import measured_beside
 from msnn.errors.data import rows as errors
-from msnn.errors.data.recordings import rows_in_two_sets
-from msnn.errors.disk_data import not_on_disk
+from msnn.errors.data.files import not_on_disk, rows_in_two_sets
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Data
 
 _LARGEST_SHOWN = 1_000_000
 
@@ -56,6 +55,7 @@ def load_data(
     for file in files:
         # check all formats before reading the first file: a missing package is reported immediately
         require_reader(file.path)
+        findings.report(*warnings_of_plugins(file.path))
     findings.report(*unused_keys(data, files, program.sample_time))
     return joined_files(program, data, files, filters or {}, findings, whole, as_recorded)
 
@@ -135,7 +135,7 @@ def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[Sour
     return [
         SourceText(file.shown, file.path.read_text("utf-8-sig", errors="replace"))
         for file in files
-        if file.shown in faulty and file.is_text and file.path.stat().st_size <= _LARGEST_SHOWN
+        if file.shown in faulty and file.has_lines and file.path.stat().st_size <= _LARGEST_SHOWN
     ]
 
 
@@ -353,3 +353,54 @@ def _measured(parts: Sequence[FilePart]) -> dict[str, BoolArray]:
         for name in names
     }
     return {name: rows for name, rows in found.items() if not rows.all()}
+
+
+_TIME = "time of rows"
+"""A key that no signal has, because names of signals contain no blanks."""
+
+
+class DiskSeries:
+    """The series of all parts in unnamed files in the cache folder, one per signal."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, ArrayFile] = {}
+
+    def taken(self, part: FilePart) -> FilePart:
+        """Appends the series of the part to disk, and returns the part without series."""
+        series = part.series if part.time is None else {**part.series, _TIME: part.time}
+        for name, values in series.items():
+            if name not in self._files:
+                # not in /tmp, which often is memory
+                self._files[name] = ArrayFile(cache_folder())
+            self._files[name].append(values)
+        # the times of rows go to disk, too: they are as many as a signal's values
+        pieces = tuple(replace(piece, time=None) for piece in part.pieces)
+        empty = None if part.time is None else part.time[:0].copy()
+        return replace(part, series={}, time=empty, pieces=pieces)
+
+    def forget(self) -> None:
+        """Deletes all files."""
+        for file in self._files.values():
+            file.forget()
+
+    def returned(
+        self, parts: Sequence[FilePart]
+    ) -> tuple[list[FilePart], Mapping[str, FloatArray]]:
+        """The parts with views of their series on disk, and the whole series by signal."""
+        whole = {name: file.array() for name, file in self._files.items()}
+        # one array for all parts, of which some may have none
+        time = whole.pop(_TIME, None)
+        found: list[FilePart] = []
+        start = timed = 0
+        for part in parts:
+            rows = len(part.usable)
+            own = {name: values[start : start + rows] for name, values in whole.items()}
+            start += rows
+            if part.time is None or time is None:
+                found.append(replace(part, series=own))
+                continue
+            seconds = time[timed : timed + rows]
+            timed += rows
+            pieces = tuple(replace(piece, time=seconds) for piece in part.pieces)
+            found.append(replace(part, series=own, time=seconds, pieces=pieces))
+        return found, whole

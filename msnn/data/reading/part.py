@@ -18,11 +18,11 @@ from msnn.data.reading.record_rows import RecordRows, record_rows, resampling
 from msnn.data.reading.resample import LOST_STEP, lost_values
 from msnn.data.reading.row_filter import RowFilter
 from msnn.errors.data import cells
-from msnn.errors.data import formats as data_formats
+from msnn.errors.data import rows as data_formats
 from msnn.errors.data.rows import rows_not_there
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Data
 
 _FEWEST_VALUES = 4
 """Minimum number of values from which the usual step of a column is determined."""

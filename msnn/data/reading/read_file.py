@@ -14,6 +14,7 @@ from msnn.data.formats.written_units import CapitalUnit, StatedUnit
 from msnn.data.reading.columns import (
     Feed,
     columns_of_only,
+    converted_cells,
     feeds,
     file_unit,
     in_units_of_file,
@@ -21,16 +22,14 @@ from msnn.data.reading.columns import (
     report_scaled_twice,
     wanted_columns,
 )
-from msnn.data.reading.converted_cells import converted_cells
-from msnn.data.reading.files import DataFile
+from msnn.data.reading.files import DataFile, unused_without_times
 from msnn.data.reading.row_filter import RowFilter
-from msnn.data.reading.unused_keys import unused_without_times
-from msnn.data.reads import compared_signals, measured_beside, signals_only_compared
-from msnn.errors.data import units as data_units
+from msnn.data.rollout_rows import compared_signals, measured_beside, signals_only_compared
+from msnn.errors.data import cells as data_units
 from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.data import SECOND, Csv, Data, TimeColumn
+from spec_schema.sections.data import SECOND, Csv, Data, TimeColumn
 from spec_schema.units.unit import UNCHANGED, Line, Unit
 from spec_schema.yaml_tree.writer import scalar_text
 
@@ -224,7 +223,7 @@ def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:
 
 def _with_name(fault: Diagnostic, file: DataFile) -> Diagnostic:
     """The diagnostic; if the file's format differs from its suffix, with the correct name."""
-    is_unread = fault.code == "E0802" and fault.help is None and not file.is_text
+    is_unread = fault.code == "E0802" and fault.help is None and not file.has_lines
     return (
         replace(fault, help=other_name(file.path)) if is_unread and file.arrays is None else fault
     )

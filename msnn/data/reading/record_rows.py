@@ -12,16 +12,15 @@ from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.read_file import ColumnUses, ReadFile
 from msnn.data.reading.resample import Method, Samples, lost_values, resample
-from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
-from msnn.data.reading.time_bounds import time_bound
-from msnn.errors.data import formats as data_formats
+from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows, time_bound
+from msnn.errors.data import rows as data_formats
 from msnn.errors.data import rows as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration
 from spec_schema.expressions.tree import Samples as SampleCount
-from spec_schema.sections.data.data import Data, Layout
+from spec_schema.sections.data import Data, Layout
 
 _HOUR = 3600.0
 

@@ -16,10 +16,10 @@ from msnn.data.reading.read_file import FileOrigin, ReadFile
 from msnn.data.reading.record_rows import resampling
 from msnn.data.reading.resample import longest_step
 from msnn.data.reading.rows import GAP_TOLERANCE
-from msnn.errors.data import recordings as errors
+from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Data
 
 _TO = " … "
 

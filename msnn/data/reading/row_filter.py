@@ -12,12 +12,12 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program, Signal
 from compiler.linking.link import Linked
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data.reads import reads
-from msnn.errors.data import formats as errors
+from msnn.data.rollout_rows import reads
+from msnn.errors.data import rows as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Call, Compare, Expression, Name, Number
-from spec_schema.sections.data.data import Data
+from spec_schema.sections.data import Data
 from spec_schema.sections.signals import Loss
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Freeze

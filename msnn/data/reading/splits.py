@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.data.dataset import UNASSIGNED, FloatArray
-from msnn.data.reading.time_bounds import TimeBound, bound_of_seconds, time_bound
+from msnn.data.reading.rows import TimeBound, bound_of_seconds, time_bound
 from msnn.errors.data import rows as errors
-from msnn.errors.data.recordings import set_without_rows
+from msnn.errors.data.files import set_without_rows
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.splits import (
+from spec_schema.sections.data import (
     SETS,
     Blocks,
     DateRange,

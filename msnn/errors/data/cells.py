@@ -1,11 +1,12 @@
-"""E0806 to E0810 and E0822: cells and rows of data that are not what they should be."""
+"""E0508-E0512, E0806-E0822, E0878, E0979-E1319, W0511, W0831, W0835: cells, dates and units."""
 
 import re
+from collections.abc import Sequence
 
-from msnn.errors.data.lists import and_more
-from spec_schema.diagnostics.decimal_commas import with_point_or_joined
-from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from msnn.errors.data.rows import and_more
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
+from spec_schema.diagnostics.suggest import with_point_or_joined
 from spec_schema.expressions.moments import read_moment
 
 
@@ -170,3 +171,207 @@ _COMMA_HELP = (
     "if its numbers have decimal commas, nothing tells them from separators: save it with `;` "
     'between cells, and write `csv: {delimiter: ";", decimal: ","}`'
 )
+
+
+_OFFSET = re.compile(r"\s*([Zz]|[+-]\d\d(:?\d\d)?)$")
+
+
+def misfitting_date(
+    what: str, date: str, file: str, has_zone: bool | None, span: Span | None
+) -> Diagnostic:
+    """E0979: a date of the spec for times that are none, or that another clock has shown."""
+    if has_zone is None:
+        times = f"the times of {file} are seconds"
+        repair = "write the time as they are, such as `20 s`"
+    elif has_zone:
+        times = f"the dates of {file} have an offset from UTC"
+        # a day alone has no offset: it is midnight
+        repair = f"write `Z` or the offset behind it: `{date if ':' in date else f'{date} 00:00'}Z`"
+    else:
+        times = f"the dates of {file} have no offset from UTC"
+        repair = f"write it as that clock showed it, such as `{_OFFSET.sub('', date)}`"
+    message = f"{what} is the date {date}, and {times}"
+    return error("E0979", span, message, "not to be compared with them", help=repair)
+
+
+def not_a_moment(
+    file: str, row: int, column: str, text: str, more: int, place: Span | None
+) -> Diagnostic:
+    """E0989: another text or a number in a column of times that are dates."""
+    message = f"`{text}` in column `{column}` is no moment such as `2026-11-22 17:00:00.25`"
+    notes = (f"row {row} of {file}; the rows before have dates", *and_more(more, "cell"))
+    repair = "write every time as ISO 8601, or every time as a number"
+    return error("E0989", place, message, "not a date and a time of day", notes=notes, help=repair)
+
+
+def mixed_zones(
+    file: str, row: int, column: str, text: str, more: int, place: Span | None
+) -> Diagnostic:
+    """E0990: times of which some have an offset from UTC and others none."""
+    message = f"`{text}` in column `{column}` and the times before differ in having a time zone"
+    notes = (f"row {row} of {file}", *and_more(more, "cell"))
+    repair = "write `Z` or an offset such as `+01:00` behind every time, or behind none"
+    return error("E0990", place, message, "is it the same clock?", notes=notes, help=repair)
+
+
+def units_differ(
+    *, file: str, signal: str, column: str, named: str, stated: str, place: Span | None
+) -> Diagnostic:
+    """E0991: a header that names another unit than the file states below it or apart."""
+    message = f"{file} states two units of column `{column}`: {named} and {stated}"
+    key = _key_with_unit(signal, column, stated)
+    return error(
+        "E0991", place, message, "which one is right?", help=f"write the true one: `{key}`"
+    )
+
+
+def doubtful_capitals(
+    *, signal: str, column: str, text: str, readings: tuple[str, ...], span: Span | None
+) -> Diagnostic:
+    """E0512: a unit in capital letters with several readings that fit the signal."""
+    first, *others = readings
+    message = f"the file has `{column}` in `{text}`, which may be {' or '.join(readings)}"
+    rest = " or ".join(f"`unit: {unit}`" for unit in others)
+    repair = f"write the true one: `{_key_with_unit(signal, column, first)}`, or {rest}"
+    notes = ("the file does not show whether it tells small from capital letters",)
+    return error("E0512", span, message, "which one is right?", notes=notes, help=repair)
+
+
+def mixed_cells(
+    *,
+    file: str,
+    signal: str,
+    column: str,
+    cells: Sequence[tuple[str | None, str, int]],
+    declared: str,
+    span: Span | None,
+) -> Diagnostic:
+    """E0878: a column of a workbook whose number formats show different units."""
+    message = f"the cells of column `{column}` in {file} are shown in different units"
+    notes = tuple(
+        f"{'no unit' if unit is None else unit}: cell {cell}"
+        + (f" and {count - 1} more" if count > 1 else "")
+        for unit, cell, count in cells
+    )
+    unit = next((unit for unit, _, _ in cells if unit is not None), declared)
+    key = _key_with_unit(signal, column, unit)
+    repair = f"give all its cells one number format, or write the unit of all: `{key}`"
+    return error("E0878", span, message, "in which unit is it?", notes=notes, help=repair)
+
+
+def unit_beside_scale(
+    *, signal: str, column: str, found: str, declared: str, span: Span | None
+) -> Diagnostic:
+    """E0997: a factor in the spec for a column whose file states another unit than the signal's."""
+    message = (
+        f"the file has `{column}` in {found}, `{signal}` is in {declared}, and the spec has a "
+        "`scale:` or `offset:` for it"
+    )
+    repair = f"write `unit: {declared}` beside `scale:` if that converts, else take `scale:` away"
+    return error("E0997", span, message, "does this convert the unit?", help=repair)
+
+
+def scaled_twice(signal: str, column: str, scaling: str, span: Span | None) -> Diagnostic:
+    """W0835: a column that both its file and the spec scale."""
+    message = (
+        f"the file scales `{column}` by its {scaling}, and the spec has a `scale:` or `offset:` "
+        f"for `{signal}` as well: both apply"
+    )
+    repair = "remove `scale:` and `offset:` if they repeat those of the file"
+    return warning("W0835", span, message, "is this the factor of the file?", help=repair)
+
+
+def unit_of_moments(column: str, unit: str, span: Span | None) -> Diagnostic:
+    """E0998: a unit of time for a column whose times are dates."""
+    message = f"column `{column}` has dates, and `unit: {unit}` is said of it"
+    return error("E0998", span, message, "dates have no unit", help="remove `unit:`")
+
+
+def misfitting_file_unit(
+    *,
+    signal: str,
+    column: str,
+    found: str,
+    declared: str,
+    meant: str | None,
+    span: Span | None,
+) -> Diagnostic:
+    """E0999: a column whose unit, by the file's own words, does not convert to the signal's."""
+    message = f"the file has `{column}` in {found}, which does not convert to {declared}"
+    if meant is not None:
+        repair = f"if it means {meant}, write `{_key_with_unit(signal, column, meant)}`"
+    else:
+        key = _key_with_unit(signal, column, declared)
+        repair = f"if the numbers are in {declared}, write `{key}`"
+        if signal != "time":
+            repair = f"declare `{signal}` in the unit of the column, {found}; {repair}"
+    return error("E0999", span, message, f"`{signal}` is in {declared}", help=repair)
+
+
+def turns_of_column(
+    *,
+    signal: str,
+    column: str,
+    found: str,
+    declared: str,
+    readings: tuple[str, str, str],
+    span: Span | None,
+) -> Diagnostic:
+    """E0508: a column that counts per time, of a signal of angle per time, or the reverse."""
+    count, turns, radians = readings
+    message = (
+        f"column `{column}` is in {found} and signal `{signal}` in {declared}: {count} may count "
+        "revolutions or radians"
+    )
+    if count == found:
+        key = _key_with_unit(signal, column, turns)
+        repair = f"write `{key}` for revolutions, or `unit: {radians}` for radians"
+    else:
+        repair = f"declare `{signal}` in `{turns}` for revolutions, or in `{radians}` for radians"
+    label = f"`{signal}` is in {declared}"
+    return error("E0508", span, message, label, help=repair)
+
+
+def unread_unit(
+    *,
+    signal: str,
+    column: str,
+    text: str,
+    declared: str,
+    meant: str | None,
+    scale: float,
+    span: Span | None,
+) -> Diagnostic:
+    """W0511: a unit that a file states and msnn does not know."""
+    message = (
+        f"the file has `{column}` in `{text}`, which is no known unit: its numbers are taken as "
+        f"{declared}"
+    )
+    said = meant or declared
+    if scale != 1.0 and signal != "time":
+        said = f"{said}, scale: {scale:g}"
+    repair = f"write the unit of the column: `{_key_with_unit(signal, column, said)}`"
+    return warning("W0511", span, message, f"`{signal}` is in {declared}", help=repair)
+
+
+def too_far_a_moment(file: str, row: int, column: str, text: str, more: int) -> Diagnostic:
+    """E1319: dates that are farther from 1970 than times are kept."""
+    message = f"`{text}` in column `{column}` is no date between 1823 and 2116"
+    notes = (f"row {row} of {file}", *and_more(more, "cell"))
+    repair = "leave rows out whose clock was not set, or whose date stands for none"
+    return error("E1319", None, message, notes=notes, help=repair)
+
+
+def _key_with_unit(signal: str, column: str, unit: str) -> str:
+    """The key of `data:` that says in which unit a signal's column is."""
+    said = f"{{column: {column!r}, unit: {unit}}}"
+    return f"time: {said}" if signal == "time" else f"columns: {{{signal}: {said}}}"
+
+
+def unit_without_effect(signal: str, unit: str, span: Span | None) -> Diagnostic:
+    """W0831: the unit of a column that feeds a signal without a declared unit."""
+    message = (
+        f"the column of `{signal}` is in {unit}, and `{signal}` declares no unit to convert to"
+    )
+    repair = f"declare it: `{signal}: {{unit: {unit}}}`, or remove `unit:` here"
+    return warning("W0831", span, message, "converts nothing", help=repair)

@@ -1,4 +1,6 @@
-"""E0901-E0949: training, weights, metrics and simulation."""
+"""E0874, E0901-E0949, W0807, W0808, W0936-W0938: training, metrics, simulation, initial states."""
+
+from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
@@ -238,3 +240,108 @@ def torch_instead(stage: str, reason: str, span: Span | None) -> Diagnostic:
     """W0905: a stage that runs on the slower engine, and why."""
     message = f"the stage `{stage}` runs on torch, not in native kernels: {reason}"
     return warning("W0905", span, message, "slower engine")
+
+
+_FEW = 20
+"""Rollouts of validation below which a shorter horizon makes more of them."""
+
+
+def decides_alone(
+    loss: str, share: float, stage: str, others: Sequence[str], span: Span | None
+) -> Diagnostic:
+    """W0936: a loss beside which the others do not count."""
+    listed = ", ".join(f"`{name}`" for name in others)
+    message = (
+        f"`{loss}` is {min(100 * share, 99.99):.4g} % of the total of stage `{stage}`: "
+        f"{listed} hardly count{'s' if len(others) == 1 else ''}"
+    )
+    repair = (
+        f"larger weights of the others, as 1/variance of their target: `losses: {{{others[0]}: "
+        "WEIGHT}` of the stage"
+    )
+    return warning("W0936", span, message, "from its first epoch to its last", help=repair)
+
+
+def hardly_moved(names: Sequence[str], span: Span | None) -> Diagnostic:
+    """W0937: parameters that a training by steps of a rate has left where they were."""
+    listed = ", ".join(f"`{name}`" for name in names)
+    message = f"{listed} moved by less than 1 % of {'its' if len(names) == 1 else 'their'} scale"
+    repair = (
+        "if that is not where it belongs: `scale: data` of the parameter, a larger `lr`, more "
+        "epochs, or `optimizer: levenberg_marquardt`"
+    )
+    return warning("W0937", span, message, "a step is a part of `scale:`", help=repair)
+
+
+def validation_decided(
+    *,
+    stage: str,
+    rollouts: int,
+    watched: str,
+    epoch: int,
+    epochs: int,
+    is_on_the_way: bool,
+    value: float,
+    last: float,
+    span: Span | None,
+) -> Diagnostic:
+    """W0938: weights that validation chose far from what the training rows say."""
+    over = f"{'the only rollout' if rollouts == 1 else f'{rollouts} rollouts'} of `{watched}`"
+    # an epoch of a least-squares stage in the middle of its path, or a monitor far above
+    if is_on_the_way:
+        message = (
+            f"stage `{stage}` keeps epoch {epoch} of {epochs}, the best over {over}: "
+            f"the loss of training fell from {value:.3g} to {last:.3g} after it"
+        )
+    else:
+        message = (
+            f"stage `{stage}`: the loss over {over} is {value:.3g} in epoch {epoch}, the best; "
+            f"over those of training it is {last:.3g} in epoch {epochs}, the last"
+        )
+    shorter = "a shorter `rollout.horizon`, or " if rollouts < _FEW else ""
+    repair = f"{shorter}a `split:` that spreads `val` over the records (`by: block`)"
+    return warning("W0938", span, message, "these rollouts decide", help=repair)
+
+
+def undecided_start(
+    states: Sequence[str], wanted_by: str, place: str, count: int, over: int | None
+) -> Diagnostic:
+    """W0807: a start of a run that its first evaluations do not decide."""
+    which = "what is scored does" if over is None else "the first evaluations do"
+    message = (
+        f"{wanted_by}: {which} not decide where {_listed(states)} starts, "
+        f"from {place}{_more(count)}"
+    )
+    other = "another `init:`" if over is None else "a longer `over:`, or another `init:`"
+    repair = f"what is not decided stays at `from:`; take {other}"
+    return warning("W0807", None, message, help=repair)
+
+
+def guessed_start(
+    states: Sequence[str], wanted_by: str, place: str, count: int, over: int
+) -> Diagnostic:
+    """E0874: a start that later evaluations depend on, and the first ones do not decide."""
+    message = (
+        f"{wanted_by}: the first {over} evaluations do not decide where {_listed(states)} starts, "
+        f"and later ones depend on it, from {place}{_more(count)}"
+    )
+    repair = "write `over: record`, or a longer `over:`; or say by `from:` where such a run starts"
+    return error("E0874", None, message, help=repair)
+
+
+def unsettled_start(states: Sequence[str], wanted_by: str, place: str, count: int) -> Diagnostic:
+    """W0808: a search for the start of a run that has not come to its end."""
+    message = (
+        f"{wanted_by}: the search for where {_listed(states)} starts has not converged, "
+        f"from {place}{_more(count)}"
+    )
+    repair = "begin nearer, by `from:`, or take a shorter `over:`"
+    return warning("W0808", None, message, help=repair)
+
+
+def _listed(states: Sequence[str]) -> str:
+    return ", ".join(f"`{name}`" for name in states)
+
+
+def _more(count: int) -> str:
+    return f" and {count - 1} other starts" if count > 1 else ""

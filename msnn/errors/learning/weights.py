@@ -1,4 +1,4 @@
-"""E0910-E0912, E0923, E0924, E0959, E0994, E1119, W0902: weights, read from files or given."""
+"""E0910-E0924, E0959, E0994, E1047-E1049, E1119, W0902: weights, and their covariance."""
 
 from collections.abc import Sequence
 from shlex import quote
@@ -89,3 +89,26 @@ def moved_off_bound(names: Sequence[str]) -> Diagnostic:
 
 def _shape(shape: Sequence[int]) -> str:
     return "×".join(map(str, shape)) or "scalar"
+
+
+def no_covariance(why: str) -> Diagnostic:
+    """E1047: intervals of weights whose uncertainty is not known."""
+    message = f"there are no prediction intervals: {why}"
+    repair = "take the weights of a whole training, with the folder of its run or its result"
+    return error("E1047", None, message, help=repair)
+
+
+def no_training_rows(output: str | None, why: str) -> Diagnostic:
+    """E1048: intervals without rows that tell how large errors are."""
+    of = "" if output is None else f" of `{output}`"
+    message = f"there are no prediction intervals{of}: {why}"
+    repair = "how large errors are is measured on the set `train`: data without it do not tell"
+    return error("E1048", None, message, help=repair)
+
+
+def nothing_to_band(outputs: Sequence[str]) -> Diagnostic:
+    """E1049: intervals of outputs that no measurement is compared with."""
+    listed = ", ".join(f"`{name}`" for name in outputs)
+    message = f"no output of {listed} predicts a signal: what it errs by is not known"
+    repair = 'say what an output predicts: `y: {expr: …, predicts: "x[t+1]"}`'
+    return error("E1049", None, message, help=repair)

@@ -13,12 +13,12 @@ import numpy as np
 from backends.ports.step_interface import step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judge import beginning_at, inputs_at
+from msnn.agreement.judge import beginning_at, inputs_at
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data.starts import Runs
-from msnn.errors.targets import engines
+from msnn.data.rollout_rows import Runs
+from msnn.errors import targets
 from msnn.exports.export import load_export, plan_exports, write_export
 from msnn.exports.table import listed
 from msnn.exports.target import AnyPlan
@@ -30,9 +30,9 @@ from msnn.simulation.engines.engine import (
     ExportName,
     OpenedRollouts,
     first_places,
+    interpreted_rollouts,
 )
 from msnn.simulation.engines.open_rollouts import known_engine
-from msnn.simulation.engines.stepwise import interpreted_rollouts
 from msnn.simulation.rollout import LossSum
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.registry import ARITHMETICS
@@ -60,10 +60,10 @@ def _export_engine(model: Model, name: str) -> EngineToOpen:
     (plan,) = plans
     # words have limits of their own: what they do along data is judged by `--check`
     if plan.dtype in ARITHMETICS:
-        raise SpecError([engines.engine_of_words(plan.dtype)])
+        raise SpecError([targets.engine_of_words(plan.dtype)])
 
     def opened(program: Program, weights: Arrays, series: Arrays) -> OpenedRollouts:
-        notes = (engines.losses_are_interpreted(name),) if program.losses else ()
+        notes = (targets.losses_are_interpreted(name),) if program.losses else ()
         engine = ExportedRollouts(plan, program, weights, series)
         return OpenedRollouts(engine, plan.target.name, notes)
 

@@ -12,7 +12,7 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
-from msnn.agreement.loaded import Loaded
+from msnn.agreement.judgement import Loaded
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, c_options, name_prefix, step_program
 from msnn.exports.target import (
@@ -91,8 +91,7 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
 @contextmanager
 def _load(plan: ExportPlan[COptions], written: Written) -> Generator[Loaded]:
     from backends.c.interface.interface import c_interface
-    from msnn.exports.running.built_c import built_c
-    from msnn.exports.running.loaded_c import loaded_c
+    from msnn.exports.running.built_c import built_c, loaded_c
 
     with built_c(written) as step:
         yield loaded_c(step, c_interface(plan.program, c_options(plan)))

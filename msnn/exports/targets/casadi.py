@@ -17,10 +17,15 @@ from backends.casadi_function.options import CasadiOptions
 from compiler.ir.program import NodeId, Program
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix
-from compiler.passes.analyses.kinks import Kink, kinks
-from compiler.passes.derivatives.smooth_kinks import sharp_kinks, smooth_kinks
-from msnn.agreement.judging.judgement import Arrays, Beginning
-from msnn.agreement.loaded import ExportedSlopes, Loaded, loaded_by_steps, stacked
+from compiler.passes.smooth_kinks import Kink, kinks, sharp_kinks, smooth_kinks
+from msnn.agreement.judgement import (
+    Arrays,
+    Beginning,
+    ExportedSlopes,
+    Loaded,
+    loaded_by_steps,
+    stacked,
+)
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written

@@ -11,7 +11,7 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
-from msnn.agreement.loaded import Loaded
+from msnn.agreement.judgement import Loaded
 from msnn.errors.failures import UnfitCompilerError
 from msnn.exports.prepare import MOST_ENTRIES, c_options, name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written, bits_in_single
@@ -59,7 +59,7 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
 
 def _tell(plan: ExportPlan[COptions], folder: Path) -> str:
     """A sentence where the units do not run on this machine; else empty."""
-    from backends.fmu.archive import holds_binary
+    from backends.fmu.write_fmu import holds_binary
 
     paths = [folder / f"{plan.prefix}_fmi{version}.fmu" for version in (2, 3)]
     if all(holds_binary(path) for path in paths):

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from msnn.agreement.judging.judgement import Arrays, Beginning
-from msnn.agreement.loaded import Loaded, loaded_by_steps, stacked
+from msnn.agreement.judgement import Arrays, Beginning, Loaded, loaded_by_steps, stacked
 from msnn.exports.prepare import float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from spec_schema.sections.exports import OnnxExport
@@ -22,7 +21,7 @@ def _prepare(request: Request, entry: OnnxExport | None) -> ExportPlan[None] | N
 
 
 def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path, ...]:
-    from backends.onnx_model.files import write_onnx
+    from backends.onnx_model.model import write_onnx
 
     return write_onnx(plan.program, weights, folder, plan.prefix, plan.float_type)
 

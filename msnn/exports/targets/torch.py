@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from msnn.agreement.judging.judgement import Arrays, Beginning
-from msnn.agreement.loaded import Loaded, loaded_by_steps
+from msnn.agreement.judgement import Arrays, Beginning, Loaded, loaded_by_steps
 from msnn.exports.prepare import float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from spec_schema.sections.exports import TorchExport
@@ -24,7 +23,7 @@ def _prepare(request: Request, entry: TorchExport | None) -> ExportPlan[None] | 
 
 
 def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path, ...]:
-    from backends.torch_module.files import write_torch
+    from backends.torch_module.source import write_torch
 
     return write_torch(plan.program, weights, folder, plan.prefix, plan.float_type)
 

@@ -2,14 +2,100 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, cast
 
 from compiler.ir.program import Program
-from msnn.features.changes.part_properties import NAME_IN_EXPORTS, Part, properties
+from msnn.exports.export import target_named
+from msnn.exports.table import every_target
+from msnn.model.model import Model
 from msnn.reports.show import interface_record
 from spec_schema.diagnostics.source import Span
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.exports import TargetEntry
+
+Part = Literal["input", "output", "parameter", "state", "start from"]
+NAME_IN_EXPORTS = "name in exports"
+_Bounds = list[float | None] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Property:
+    """A property as text, and the effect of a change."""
+
+    name: str
+    text: str
+    breaks: str = ""
+    allowed: tuple[float, float] | None = None
+    """A range that users must respect: only a narrower one breaks them."""
+    promised: tuple[float, float] | None = None
+    """A range that users rely on: only a wider one breaks them."""
+
+    def broken_by(self, new: Property) -> str:
+        """The effect of replacing this property by the new one; empty if compatible."""
+        if self.allowed is not None and new.allowed is not None:
+            return "" if _covers(new.allowed, self.allowed) else self.breaks
+        if self.promised is not None and new.promised is not None:
+            return "" if _covers(self.promised, new.promised) else self.breaks
+        return self.breaks
+
+
+def properties(part: Part, item: Mapping[str, Any]) -> tuple[Property, ...]:
+    """The properties of one part, always in the same order."""
+    common = (
+        Property("unit", item["unit"] or "", "numbers mean something else"),
+        Property("shape", _shape(item["axes"]), "arrays have another size"),
+        Property(NAME_IN_EXPORTS, item["port"], "it is called by another name"),
+    )
+    match part:
+        case "start from":  # the rest is said of the input or state
+            return (_window(item),)
+        case "input":
+            accepted = "values that were allowed are flagged"
+            return (*common, _window(item), _range(item["range"], accepted, is_promise=False))
+        case "output":
+            predicts = Property("predicts", _predicted(item["predicts"]), "it is another quantity")
+            promise = "values may lie where none was"
+            return (*common, predicts, _range(item["range"], promise, is_promise=True))
+        case "parameter":
+            accepted = "values that were allowed are not"
+            return (*common, _range(item["range"], accepted, is_promise=False))
+        case "state":
+            return common
+
+
+def _range(bounds: _Bounds, breaks: str, *, is_promise: bool) -> Property:
+    low, high = bounds or (None, None)
+    # an open side covers everything, so that no case of its own is needed
+    ends = (-math.inf if low is None else low, math.inf if high is None else high)
+    text = "" if ends == (-math.inf, math.inf) else f"{ends[0]:g} … {ends[1]:g}"
+    if is_promise:
+        return Property("range", text, breaks, promised=ends)
+    return Property("range", text, breaks, allowed=ends)
+
+
+def _covers(wide: tuple[float, float], narrow: tuple[float, float]) -> bool:
+    return wide[0] <= narrow[0] and narrow[1] <= wide[1]
+
+
+def _shape(axes: list[dict[str, Any]]) -> str:
+    return " × ".join(f"{axis['name']} {axis['size']}" for axis in axes)
+
+
+def _window(item: Mapping[str, Any]) -> Property:
+    first, last = (_sample(item[end]) for end in ("first_sample", "last_sample"))
+    text = first if first == last else f"{first} … {last}"
+    return Property("samples", text, "other samples must be given")
+
+
+def _sample(at: int) -> str:
+    return f"t{at:+d}" if at else "t"
+
+
+def _predicted(predicts: Mapping[str, Any] | None) -> str:
+    return "" if predicts is None else f"{predicts['signal']}[{_sample(predicts['ahead'])}]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,3 +260,60 @@ def _seconds(sample_time: float | None) -> str:
 def _spans(program: Program) -> dict[str, Span | None]:
     parts = (*program.states, *program.parameters, *program.signals, *program.outputs)
     return {part.name: part.span for part in parts}
+
+
+_BREAKS = {
+    "dtype": "numbers have another type",
+    "prefix": "functions, types and files have other names",
+    "params": "parameters are given in another way",
+    "delay": "outputs belong to another sample",
+    "close": "other inputs are to be given",
+}
+"""Keys of targets whose changes affect callers, with the reason."""
+
+
+def export_changes(old: Model, new: Model) -> tuple[InterfaceChange, ...]:
+    """The differences of targets in both specs, in the order of the section."""
+    return tuple(_changes(old, new))
+
+
+def _changes(old: Model, new: Model) -> Iterator[InterfaceChange]:
+    for target in (each.name for each in every_target()):
+        before, after = _entry(old, target), _entry(new, target)
+        if before is None or after is None:
+            continue
+        for key, breaks in _BREAKS.items():
+            one, other = getattr(before, key, None), getattr(after, key, None)
+            if one == other:  # no target has to be loaded for its default
+                continue
+            left, right = _text(one, target, key), _text(other, target, key)
+            if left != right:
+                yield InterfaceChange(
+                    part=f"export {target}",
+                    what=key,
+                    old=left,
+                    new=right,
+                    breaks=breaks,
+                    span=after.place.key,
+                )
+
+
+def _entry(model: Model, target: str) -> TargetEntry | None:
+    section = model.spec.export
+    return None if section is None else getattr(section, target)
+
+
+def _text(value: object, target: str, key: str) -> str:
+    """The value of a key, or its default; the order of names is ignored."""
+    match value:
+        case None if key == "dtype":
+            return target_named(target).dtype
+        case None:
+            return ""  # a prefix: the name of the model, which is compared by itself
+        case tuple():
+            names = cast("tuple[Located[str], ...]", value)
+            return ", ".join(sorted(each.value for each in names))
+        case Located():
+            return str(cast("Located[object]", value).value)
+        case _:
+            return str(value)

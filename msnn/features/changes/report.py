@@ -7,14 +7,13 @@ from collections.abc import Collection, Iterator
 from dataclasses import asdict
 from typing import Any
 
-from msnn.errors.data.lists import listed
+from msnn.errors.data.rows import listed
 from msnn.features.changes.errors import breaking_change, worse_metric
-from msnn.features.changes.metric_changes import MetricChange
-from msnn.features.changes.model_changes import FailOn, ModelChanges
+from msnn.features.changes.model_changes import FailOn, MetricChange, ModelChanges
 from msnn.reports.compare_specs import SpecDifference
 from msnn.tables import Table, count
 from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.diagnostics.printable import printable, printable_json
+from spec_schema.diagnostics.source import printable, printable_json
 
 
 def changes_text(found: ModelChanges, margin: float) -> str:
@@ -51,6 +50,7 @@ def changes_record(found: ModelChanges, margin: float) -> dict[str, Any]:
             {**_without_span(asdict(change)), "worse": change in worse} for change in found.metrics
         ],
         "learned": [asdict(each) for each in found.learned],
+        "plugins": [asdict(each) for each in found.plugins],
     }
 
 
@@ -130,6 +130,9 @@ def _tables(found: ModelChanges, margin: float) -> Iterator[Table]:
     if found.learned:
         rows = [(p.name, p.unit, _number(p.old), _number(p.new)) for p in found.learned]
         yield Table(("parameter", "unit", "old", "new"), rows, (2, 3))
+    if found.plugins:
+        rows = [(each.package, each.old or "", each.new or "") for each in found.plugins]
+        yield Table(("plug-in", "old", "new"), rows)
 
 
 def _grown(row: MetricChange) -> str:

@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Protocol
 
 from msnn.data.reading.frames import Frames
-from msnn.features.comparison.cost import missing_tools
-from msnn.features.comparison.draws import NO_DRAWS, Draws
-from msnn.features.comparison.errors.sweeps import (
+from msnn.features.comparison.errors import (
     grid_of_a_search,
     nothing_proposed,
     set_and_swept,
     swept_twice,
 )
-from msnn.features.comparison.planned import planned
+from msnn.features.comparison.local_workers import Waiting, outcomes
 from msnn.features.comparison.proposals import Proposals, search_of
 from msnn.features.comparison.ranking import (
     Criterion,
@@ -29,15 +27,21 @@ from msnn.features.comparison.ranking import (
     ranked,
 )
 from msnn.features.comparison.readings import Readings
-from msnn.features.comparison.trial import Setup, Trial, TrialOutcome, log_outcome, run_trial
-from msnn.features.comparison.trial_lists import TrialLists
-from msnn.features.comparison.variants import GridAxis, Variant, variants
-from msnn.features.comparison.workers.local_workers import outcomes
-from msnn.features.comparison.workers.waiting import Waiting
+from msnn.features.comparison.trial import (
+    Setup,
+    Trial,
+    TrialLists,
+    TrialOutcome,
+    log_outcome,
+    missing_tools,
+    planned,
+    run_trial,
+)
+from msnn.features.comparison.variants import NO_DRAWS, Draws, GridAxis, Variant, variants
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
 from msnn.model.saved_run import run_of
-from msnn.training.engines.what_trains import require_what_trains, slow_modules
+from msnn.training.engines.devices import require_what_trains, slow_modules
 from msnn.training.ranks.torchrun import refuse_several_processes
 from msnn.training.records.run_log import LOG, RunLine, append, read
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -171,7 +175,7 @@ def compare(
     ran: dict[str, Trial] = {}
     heard.began(count)
     if options.ray is not None:
-        from msnn.features.comparison.workers.ray_workers import ray_outcomes
+        from msnn.features.comparison.ray_workers import ray_outcomes
 
         running = ray_outcomes(waiting, setup, known, options.ray)
     else:

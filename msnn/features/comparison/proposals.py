@@ -14,17 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from msnn.features.comparison.draws import Bounds, DrawAxis, Draws
-from msnn.features.comparison.errors.sweeps import lost_study, study_in_memory, unusable_study
-from msnn.features.comparison.planned import planned
+from msnn.features.comparison.errors import lost_study, study_in_memory, unusable_study
 from msnn.features.comparison.ranking import MONITOR, Criterion, chosen_criterion, named_criterion
 from msnn.features.comparison.readings import Readings
-from msnn.features.comparison.trial import Setup, Trial
-from msnn.features.comparison.trial_lists import TrialLists
-from msnn.features.comparison.variants import Drawn, Variant, variants
+from msnn.features.comparison.trial import Setup, Trial, TrialLists, planned
+from msnn.features.comparison.variants import Bounds, DrawAxis, Drawn, Draws, Variant, variants
 from msnn.packages import OPTUNA
 from msnn.training.records.run_log import RunLine
-from msnn.training.run_line import begun
+from msnn.training.training_result import begun
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _TEXTS = "values"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msnn.features.comparison.errors import comparison as errors
+from msnn.features.comparison import errors
 from msnn.features.comparison.variants import Variant
 from msnn.training.records.run_log import Measured, RunLine
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -74,7 +74,10 @@ class Ranked:
 
     @property
     def deviation(self) -> float:
-        """Sample standard deviation with n − 1; NaN for a single training."""
+        """Sample standard deviation with n − 1; NaN for a single training or unlike infinities."""
+        # the AIC of errors that are all 0
+        if not np.isfinite(self.scores).all():
+            return 0.0 if len(self.scores) > 1 and len(set(self.scores)) == 1 else math.nan
         return float(np.std(self.scores, ddof=1)) if len(self.scores) > 1 else math.nan
 
     @property
@@ -237,10 +240,10 @@ def _marked(ordered: Sequence[Ranked]) -> tuple[Ranked, ...]:
 def cheapest_as_good(entries: Sequence[Ranked], criterion: Criterion) -> Ranked | None:
     """The cheapest model within one standard error of the best (Breiman et al. 1984).
 
-    None if it is the best itself, or if the best was trained once, so that its spread is unknown.
+    None if it is the best itself, or if the spread of the best is unknown, as of one training.
     """
     best = next((entry for entry in entries if entry.is_best), None)
-    if best is None or len(best.scores) < 2:
+    if best is None or math.isnan(best.deviation):
         return None
     # the standard error of the mean over seeds and folds
     margin = best.deviation / math.sqrt(len(best.scores))

@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.reading.frames import Frames
 from msnn.errors.failures import MissingExtraError
-from msnn.features.comparison.cost import c_cost
-from msnn.features.comparison.errors.comparison import killed_again, nothing_held_out
-from msnn.features.comparison.planned import planned
+from msnn.exports.export import plan_exports, write_export
+from msnn.features.comparison.errors import killed_again, nothing_held_out
 from msnn.features.comparison.readings import Readings
 from msnn.features.comparison.variants import Variant
-from msnn.model.load import with_seed
+from msnn.model.load import load_model, with_seed
 from msnn.model.model import Model
 from msnn.model.model_data import sources_of
 from msnn.model.model_weights import redrawn_weights
 from msnn.model.saved_run import CHECKPOINT, WEIGHTS
 from msnn.model.weights.weights_file import read_weights
+from msnn.training.folds import fold_count
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.records.progress import Silent
-from msnn.training.records.run_lock import alone
-from msnn.training.records.run_log import LOG, Measured, RunLine, append, measured_in, read
+from msnn.training.records.run_folder import alone
+from msnn.training.records.run_log import LOG, Cost, Measured, RunLine, append, measured_in, read
 from msnn.training.records.training_options import in_folder, options_for
-from msnn.training.run_line import begun, diverged, ended
 from msnn.training.train import train
-from msnn.training.training_result import TrainingDivergedError
+from msnn.training.training_result import TrainingDivergedError, begun, diverged, ended
+from msnn.validation.measurement import METRICS
+from msnn.validation.plan import CheckPlan, plan_checks
+from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import validate
-from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
+from msnn.verification.exported_c import read_exported_c
+from msnn.verification.proof_step import ARM_GCC, ARM_QEMU, GCC, Tool
+from msnn.verification.qemu import board_checks
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError, describe
 from spec_schema.diagnostics.render import render
 
 _FOLDER = "compare"
@@ -271,3 +278,101 @@ class _Heard(Silent):
 
     def warned(self, diagnostic: Diagnostic) -> None:
         self.said.append(describe(diagnostic))
+
+
+@dataclass(slots=True)
+class TrialLists:
+    """The trainings of each variant; the number of folds is determined once per dataset."""
+
+    seeds: int
+    folds: bool
+    _counts: dict[tuple[object, ...], int] = field(
+        init=False, default_factory=dict[tuple[object, ...], int]
+    )
+
+    def of(self, compared: Sequence[Variant]) -> list[Trial]:
+        """All variants with the first seed, then with the next. Raises SpecError."""
+        return [
+            Trial(variant, seed, fold, is_costed=seed == 0 and fold in (None, 1))
+            # a comparison that is interrupted has every variant by one seed, not one variant by all
+            for seed in range(self.seeds)
+            for variant in compared
+            for fold in self._folds(variant)
+        ]
+
+    def _folds(self, variant: Variant) -> Sequence[int | None]:
+        if not self.folds:
+            return (None,)
+        # folds are counted by reading files: once for all variants that read the same
+        of_data = (setting for setting in variant.settings if setting.startswith("data"))
+        key = (variant.spec, *of_data)
+        if key not in self._counts:
+            self._counts[key] = fold_count(load_model(variant.spec, variant.settings))
+        return range(1, self._counts[key] + 1)
+
+
+def planned(model: Model) -> tuple[Measured, ...]:
+    """The metrics of the `validate` section with unknown values. Raises SpecError."""
+    findings = Findings()
+    plans = plan_checks(model.program, model.spec.checks, findings)
+    findings.raise_errors()
+    return tuple(_planned(plan) for plan in plans)
+
+
+@dataclass(frozen=True, slots=True)
+class _Simulated:
+    horizon: str
+    closed: tuple[str, ...]
+    details: tuple[str, ...]
+
+
+def _planned(plan: CheckPlan) -> Measured:
+    names: tuple[str, ...] = ("loss",) if plan.metric is None else METRICS
+    how = _Simulated(str(plan.rollout.horizon), plan.rollout.closed, plan.details)
+    return Measured(
+        of=plan.of,
+        unit=unit_text(plan.unit),
+        rollout=rollout_text(how),
+        scored=0,
+        asked="loss" if plan.metric is None else plan.metric,
+        # what will be known is which numbers there are: criteria are looked up by name
+        metrics=dict.fromkeys(names, math.nan),
+    )
+
+
+# the commonest core with single precision in hardware
+_BOARD = frozenset({"m4"})
+_NEEDS = (ARM_GCC, ARM_QEMU, GCC)
+
+
+def missing_tools() -> tuple[Tool, ...]:
+    """The missing tools for counting instructions."""
+    return tuple(tool for tool in _NEEDS if not tool.is_there)
+
+
+def c_cost(model: Model, weights: Mapping[str, FloatArray]) -> Cost | None:
+    """The cost of the exported C code on an emulated Cortex-M4F (QEMU), at -O2.
+
+    The code is that of `msnn export --to c`, measured over its golden steps. None if a tool is
+    missing, or if the model cannot be exported to C.
+    """
+    if missing_tools():
+        return None
+    findings = Findings()
+    plans = plan_exports(model, ("c",), findings, weights=weights)
+    if findings.failed or not plans:
+        return None
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "c"
+        try:
+            write_export(plans[0], weights, folder)
+            check = next(iter(board_checks(read_exported_c(folder), _BOARD)))
+        except SpecError:  # what C cannot hold is the business of `export`
+            return None
+        result = check.result(Path(place) / "build")
+    if not result.figures:
+        return None
+    (figures,) = result.figures
+    _, mean, _ = figures.instructions
+    ram = figures.data + figures.bss
+    return Cost(f"{result.target}", mean, figures.flash, ram)

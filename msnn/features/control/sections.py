@@ -7,12 +7,11 @@ from collections.abc import Iterable
 from compiler.elaboration.section import CompiledSection, CompileOther, Section
 from compiler.ir.program import Program
 from compiler.linking.link import Linked
-from msnn.features.control.elaborate.estimator.estimation_problem import estimation_problem
-from msnn.features.control.elaborate.mpc.control_problem import asked_control, control_problem
-from msnn.features.control.keys.estimator import Estimator
-from msnn.features.control.keys.mpc import OptimalControl
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.elaborate.control_problem import asked_control, control_problem
+from msnn.features.control.elaborate.estimation_problem import estimation_problem
+from msnn.features.control.keys import Estimator, OptimalControl
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.state_estimation import EstimationProblem
 from spec_schema.sections.references import names_in
 
 
@@ -40,13 +39,13 @@ def _compile_estimator(
 
 
 def _control_text(problem: ControlProblem) -> str:
-    from msnn.features.control.show.control import control_text  # compiling starts without it
+    from msnn.features.control.show import control_text  # compiling starts without it
 
     return control_text(problem)
 
 
 def _estimation_text(problem: EstimationProblem) -> str:
-    from msnn.features.control.show.estimation import estimation_text
+    from msnn.features.control.show import estimation_text
 
     return estimation_text(problem)
 

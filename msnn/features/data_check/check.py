@@ -10,10 +10,22 @@ import numpy as np
 
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.reading.frames import Frames
-from msnn.features.data_check.advice.dynamics import dynamics_findings
-from msnn.features.data_check.advice.reading import reading_findings
-from msnn.features.data_check.advice.signals import sampling_findings, signal_findings
-from msnn.features.data_check.channels import Channel, RowsOfData, channels_of, rows_of
+from msnn.features.data_check.advice import (
+    dynamics_findings,
+    reading_findings,
+    sampling_findings,
+    signal_findings,
+)
+from msnn.features.data_check.channels import (
+    Channel,
+    RowsOfData,
+    channels_of,
+    frames_as_recorded,
+    frames_resampled,
+    read_as_recorded,
+    read_resampled,
+    rows_of,
+)
 from msnn.features.data_check.dynamics.check import check_inputs, check_target
 from msnn.features.data_check.found import (
     CheckedChannel,
@@ -23,16 +35,8 @@ from msnn.features.data_check.found import (
     DatasetCheck,
     targets_of,
 )
-from msnn.features.data_check.read import (
-    frames_as_recorded,
-    frames_resampled,
-    read_as_recorded,
-    read_resampled,
-)
-from msnn.features.data_check.signals.check import check_series
-from msnn.features.data_check.signals.quantisation import rounding
-from msnn.features.data_check.signals.sampling import sampling_of
-from msnn.features.data_check.signals.spikes import spikes, without_spikes
+from msnn.features.data_check.sampling import sampling_of
+from msnn.features.data_check.signals import check_series, rounding, spikes, without_spikes
 from msnn.model.model import Model
 from msnn.simulation.simulation_data import GivenData, given_files
 from spec_schema.diagnostics.diagnostic import Findings

@@ -10,8 +10,8 @@ import numpy as np
 from compiler.ir.program import Program, Role
 from msnn.features.data_check.channels import Channel, RowsOfData
 from msnn.features.data_check.dynamics.check import InputsCheck, TargetCheck
-from msnn.features.data_check.signals.check import SeriesCheck
-from msnn.features.data_check.signals.sampling import StepsOfTime
+from msnn.features.data_check.sampling import StepsOfTime
+from msnn.features.data_check.signals import SeriesCheck
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 

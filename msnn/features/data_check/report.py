@@ -14,7 +14,7 @@ from msnn.features.data_check.found import (
     DataCheck,
     DatasetCheck,
 )
-from msnn.features.data_check.signals.sampling import StepsOfTime
+from msnn.features.data_check.sampling import StepsOfTime
 from msnn.tables import table_text
 from msnn.validation.reports.words import difference_text
 from spec_schema.diagnostics.render import records

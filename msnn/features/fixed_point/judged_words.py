@@ -1,4 +1,4 @@
-"""Runs the integer interpreter, the judge of C in fixed point, along a judge's free run."""
+"""Runs the fixed-point reference interpreter over the inputs of a recorded simulation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
-from msnn.agreement.judging.judgement import (
+from msnn.agreement.judgement import (
     Arrays,
     Beginning,
     Judgement,
@@ -22,7 +22,7 @@ from msnn.agreement.judging.judgement import (
 )
 from msnn.data.dataset import FloatArray
 from msnn.features.fixed_point.compile.compile_integers import integer_program
-from msnn.features.fixed_point.deviation.exact_steps import LOST, ExactStepper
+from msnn.features.fixed_point.deviation import LOST, ExactStepper
 from msnn.features.fixed_point.golden.equalities import golden_equalities
 from msnn.features.fixed_point.integers.interpret import Words, reset, step
 from msnn.features.fixed_point.integers.program import (
@@ -34,7 +34,7 @@ from msnn.features.fixed_point.integers.program import (
 )
 
 _EQUAL_STEPS, _SEED = 25, 3
-"""Of each run in which comparisons meet equality."""
+"""Number of steps of each run with equal sides of comparisons, and the seed of these runs."""
 
 
 def judged_words(
@@ -44,10 +44,11 @@ def judged_words(
     judged: Judgement,
     most_steps: int,
 ) -> Judgement:
-    """The first steps along the inputs of the judge, rounded to words.
+    """Runs the integer program for the inputs of `judged`, rounded to words.
 
-    All arrays are the numbers that words stand for, which float64 holds exactly. Windows begin and
-    end where those of the export do, and inputs that it does not have are left out.
+    It stops after `most_steps` steps. All arrays contain the real values of the words, which
+    float64 represents exactly. Windows have the extent of those of the export; inputs that the
+    export lacks are omitted.
     """
     numbers = physical_weights(program, weights)
     integers = integer_program(program, numbers, WIDTHS[format])
@@ -82,17 +83,17 @@ def judged_words(
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """A run of the integer interpreter: what its words stand for, (steps, *shape) each."""
+    """A run of the integer interpreter: real values of its words, (steps, *shape) each."""
 
     windows: Arrays
     inputs: Arrays
     states: Arrays
-    """Before each step and after the last."""
+    """Before each step and after the last one, (steps + 1, *shape)."""
     outputs: Arrays
 
     @staticmethod
     def of(integers: IntegerProgram, windows: Words, inputs: Sequence[Words]) -> _Run:
-        """From words around the first step, flat as those of each step."""
+        """Runs the interpreter from the flat words around the first step."""
         state = reset(integers, windows)
         memories, outputs = [state.memories], list[Words]()
         for words in inputs:
@@ -107,10 +108,10 @@ class _Run:
 
 
 def _proof(stepper: ExactStepper, integers: IntegerProgram, along: _Run) -> Proof:
-    """The same steps in real numbers, and the first states, which both keep within their range.
+    """The same steps and first states in float64, with the proved error bounds.
 
-    Behind the run stand others in which comparisons meet equality: along a record they seldom do,
-    and `<` in place of `<=` is no other program elsewhere.
+    Further runs follow in which both sides of comparisons are equal. Recordings rarely contain
+    equality, and `<` differs from `<=` nowhere else.
     """
     runs = [along]
     # beside the record: words that make both sides of a comparison equal are drawn for it
@@ -125,7 +126,7 @@ def _proof(stepper: ExactStepper, integers: IntegerProgram, along: _Run) -> Proo
 def _both(
     stepper: ExactStepper, integers: IntegerProgram, run: _Run
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """The values of a run and of the same steps in real numbers, by their names in messages."""
+    """The values of a run and of the same steps in float64, by their names in messages."""
     count = len(next(iter(run.outputs.values())))
     begun = {name: values[:1] for name, values in run.states.items()}
     before = {name: values[:count] for name, values in run.states.items()}
@@ -147,7 +148,7 @@ def _joined(parts: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[An
 
 
 def _bounds(integers: IntegerProgram) -> dict[str, float]:
-    """The proved bound of every value, and the most that float64 may lose of it."""
+    """The error bound of every value: the proved bound plus the float64 rounding error."""
     ends = {port.name: _ends(port) for port, _ in integers.outputs}
     kept = {memory.name: _ends(memory) for memory in integers.memories}
 
@@ -165,21 +166,21 @@ def _bounds(integers: IntegerProgram) -> dict[str, float]:
 
 
 def _ends(words: WordPort | IntegerMemory) -> tuple[float, float]:
-    """The real values of the lowest and the highest word."""
+    """The real values of the smallest and the largest word."""
     return math.ldexp(words.low, -words.fraction), math.ldexp(words.high, -words.fraction)
 
 
 def _run(
     words: WordPort | IntegerMemory, steps: Sequence[Mapping[str, Sequence[int]]]
 ) -> NDArray[np.float64]:
-    """The real values of the words of one name in each step, (steps, *shape)."""
+    """The real values of the words with one name in each step, (steps, *shape)."""
     shape = tuple(axis.size for axis in words.axes)
     found = np.array([step[words.name] for step in steps], np.int64)
     return _numbers(words, found.reshape(len(steps), *shape))
 
 
 def _words(port: WordPort, values: NDArray[Any], *steps: int) -> NDArray[np.int64]:
-    """The nearest words, (*steps, *shape)."""
+    """The nearest words within the range, (*steps, *shape)."""
     # to the nearest word, and within the words that there are
     words = np.clip(np.rint(np.ldexp(values, port.fraction)), port.low, port.high)
     return words.reshape(*steps, *(axis.size for axis in port.axes)).astype(np.int64)

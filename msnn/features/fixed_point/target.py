@@ -1,4 +1,4 @@
-"""The target `c` in integers: what an entry of `c` with `dtype: q15` or `q31` asks for."""
+"""The target `c` in integers: entries of `c` with `dtype: q15` or `q31`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 
 from compiler.ir.program import Declared, State
 from compiler.passes.limit_expected import limit_expected
-from msnn.agreement.judging.judgement import Arrays, Beginning, Judgement, NumberType, Promise
-from msnn.agreement.judging.record import AgreementRecord
-from msnn.agreement.loaded import Loaded
+from msnn.agreement.judgement import (
+    AgreementRecord,
+    Arrays,
+    Beginning,
+    Judgement,
+    Loaded,
+    NumberType,
+    Promise,
+)
 from msnn.exports.prepare import name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written, interpreted
 from msnn.features.fixed_point.errors import (
@@ -30,7 +36,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.sections.exports import CExport
 
 MOST_STEPS = 1000
-"""That the integer interpreter judges."""
+"""Maximum number of steps that the integer interpreter runs."""
 
 
 def _prepare(request: Request, entry: CExport | None) -> ExportPlan[None] | None:
@@ -62,14 +68,14 @@ def _prepare(request: Request, entry: CExport | None) -> ExportPlan[None] | None
 
 
 def _float_options(entry: CExport) -> list[str]:
-    """The options of floating-point C that an entry sets."""
+    """The options of floating-point C that an entry sets to other than their defaults."""
     options = ("params", "math", "ring", "unroll", "constant_time")
     usual = {name: CExport.model_fields[name].default for name in options}
     return [name for name, value in usual.items() if getattr(entry, name) != value]
 
 
 def _is_flagged(state: State) -> bool:
-    """Whether a declared state may leave its range in floating point."""
+    """True for a declared state that may leave its range in floating point."""
     flags = state.on_range == "flag" and state.range is not None
     return flags and isinstance(state.origin, Declared)
 
@@ -97,7 +103,7 @@ def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """The scales of the words of a struct."""
+    """The scales and limits of the words of a struct."""
 
     fields: Mapping[str, Mapping[str, Any]]
 
@@ -106,7 +112,7 @@ class _Scale:
         return _Scale({field["name"]: field for field in fields if field["name"] is not None})
 
     def words(self, numbers: Arrays) -> Arrays:
-        """The nearest words within their ranges, of what the struct has."""
+        """The nearest words within their ranges, for the fields of the struct."""
         return {name: self._words(field, numbers[name]) for name, field in self.fields.items()}
 
     def numbers(self, words: Arrays) -> Arrays:
@@ -126,7 +132,10 @@ class _Scale:
 def _judge(
     plan: ExportPlan[None], weights: Weights, record: AgreementRecord, dtype: NumberType
 ) -> Judgement:
-    """The integer interpreter along the inputs of the interpreter in float64."""
+    """Runs the integer interpreter over the inputs of the float64 interpreter.
+
+    For `float64` it returns the float64 run itself.
+    """
     # inputs and states of the record as numbers: words are made of these
     floating = interpreted(plan, weights, record, "float64")
     if dtype == "float64":
@@ -150,9 +159,9 @@ def _faults(plan: ExportPlan[None]) -> tuple[Diagnostic, ...]:
 
 
 def _error_table(plan: ExportPlan[None], folder: Path) -> str:
-    """The errors against float64 that the export in a folder has recorded.
+    """Tables of the errors against float64 that the export in a folder has recorded.
 
-    Those that were seen, with over how many steps, and below what is proved of a single one.
+    The first lists measured errors over many steps, the second the proved maximum per step.
     """
     about = json.loads((folder / f"{plan.prefix}.json").read_text(encoding="utf-8"))
     rows = [

@@ -7,15 +7,15 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from compiler.ir.scalars.signatures import SIGNATURES
-from compiler.lowering.scope import Kind
+from compiler.ir.scalars import SIGNATURES
+from compiler.lowering.context import Kind
 from msnn.features.language_server.cursor import Cursor
 from msnn.features.language_server.hover import function_text, name_text
 from msnn.features.language_server.knowledge import Known, members
 from msnn.features.language_server.positions import Position, TextRange, offset_of, position_of
 from msnn.features.language_server.schema_place import SchemaPlace, place_of
 from msnn.features.language_server.view import View
-from spec_schema.editors.key_docs import key_doc
+from spec_schema.editors.json_schema import key_doc
 from spec_schema.expressions.language import BUILTINS, LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
 from spec_schema.fields.entry import OneOf
 from spec_schema.fields.formulas import (
@@ -29,7 +29,7 @@ from spec_schema.fields.leaf import members as member_keys
 from spec_schema.fields.plain import Reference, SwitchOrReference
 from spec_schema.fields.quantities import QuantityField, UnitField
 from spec_schema.registry import FUNCTIONS
-from spec_schema.units.table import PREFIXES, UNIT_ROWS
+from spec_schema.units.unit import PREFIXES, UNIT_ROWS
 
 MOST = 200
 """Maximum number of proposals; an editor asks again when more is typed."""

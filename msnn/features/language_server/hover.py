@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from compiler.ir.scalars.signatures import SIGNATURES
+from compiler.ir.scalars import SIGNATURES
 from msnn.features.language_server.knowledge import Known
 from msnn.features.language_server.positions import Position, TextRange, range_of
 from msnn.features.language_server.schema_place import place_of
 from msnn.features.language_server.view import View, Word, span_of
-from spec_schema.editors.key_docs import key_doc
+from spec_schema.editors.json_schema import key_doc
 from spec_schema.expressions.language import LOSS_FUNCTIONS, NUMBERS, Signature
 from spec_schema.registry import FUNCTIONS
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.table import BASE_SYMBOLS
-from spec_schema.units.unit import UnitError
+from spec_schema.units.unit import BASE_SYMBOLS, UnitError
 
 _LANGUAGE = {
     "t": "The index of time: `x[t-1]` is the sample before this one.",

@@ -1,23 +1,24 @@
-"""Collects information about the names of a model: kinds, types, units, samples, places."""
+"""Checks a spec like `msnn check`, and collects names, types, units, samples and places."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from compiler.ir.liveness import extents
+from compiler.ir.nodes import extents
 from compiler.ir.types import Axis, Type, describe_axes
-from compiler.lowering.scope import Declaration, Kind, Scope
+from compiler.lowering.context import Declaration, Kind, Scope
 from msnn.model.model import Model
-from spec_schema.diagnostics.diagnostic import Findings
+from msnn.project.workflow_checks import checked_model
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText, Span
-from spec_schema.fields.located import Located
-from spec_schema.sections.dimensions import Dimension
-from spec_schema.sections.layers.layer import Layer
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.layers import Layer
 from spec_schema.sections.signals import Equation, Output, Signal, State
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Use
-from spec_schema.sections.values import Constant, Function, Parameter
+from spec_schema.sections.values import Constant, Dimension, Function, Parameter
 from spec_schema.units.unit import Unit
 
 
@@ -136,3 +137,27 @@ def members(names: Mapping[str, Known], base: str) -> Iterator[Known]:
     for name, known in names.items():
         if name.startswith(start) and "." not in name[len(start) :]:
             yield known
+
+
+@dataclass(frozen=True)
+class Examined:
+    """The diagnostics of a text, and information about the model if it compiles."""
+
+    diagnostics: tuple[Diagnostic, ...]
+    sources: Mapping[str, SourceText] = field(default_factory=dict[str, SourceText])
+    """The texts that diagnostics point into, by path."""
+    knowledge: Knowledge | None = None
+
+
+def examine(path: str, text: str, unsaved: Mapping[str, str]) -> Examined:
+    """Runs `msnn check` on `text` at `path`.
+
+    `unsaved` maps real paths to texts that replace saved files.
+    """
+    try:
+        model = checked_model(Path(path), text=text, unsaved=unsaved)
+    except SpecError as error:
+        # without knowledge: that of the last text that compiled stays in use
+        return Examined(error.diagnostics, {source.path: source for source in error.sources})
+    sources = {source.path: source for source in model.sources}
+    return Examined(model.warnings, sources, knowledge_of(model))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from msnn.features.language_server.examine import Examined
+from msnn.features.language_server.knowledge import Examined
 from msnn.features.language_server.positions import START, TextRange, range_of
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span

@@ -7,10 +7,10 @@ from typing import assert_never
 from lsprotocol import types
 from pygls.uris import from_fs_path
 
-from compiler.lowering.scope import Kind
+from compiler.lowering.context import Kind
 from msnn.features.language_server.completion import Completion, Item, ItemKind
+from msnn.features.language_server.cursor import Heading, OutlineSection
 from msnn.features.language_server.definition import Definition
-from msnn.features.language_server.outline import Heading, OutlineSection
 from msnn.features.language_server.positions import Position, TextRange, position_of
 from msnn.features.language_server.problems import Problem, Repair
 from msnn.features.language_server.view import View

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.leaf import Gathering, LeafField
-from spec_schema.reading.value_paths import Kind, entry_of, inside
+from spec_schema.reading.settings import Kind, entry_of, inside
 from spec_schema.sections.spec import Spec
 
 

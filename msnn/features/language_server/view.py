@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from compiler.lowering.scope import Kind
-from msnn.features.language_server.cursor import Cursor, cursor_at
+from compiler.lowering.context import Kind
+from msnn.features.language_server.cursor import Cursor, Heading, OutlineSection, cursor_at, outline
 from msnn.features.language_server.knowledge import Knowledge, Known
-from msnn.features.language_server.outline import Heading, OutlineSection, outline
 from msnn.features.language_server.positions import Position, offset_of
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.names import normalised

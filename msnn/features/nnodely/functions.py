@@ -9,23 +9,23 @@ from typing import Any
 
 import numpy as np
 
+from msnn.features.nnodely import arrays
+from msnn.features.nnodely.arrays import Elements
 from msnn.features.nnodely.errors import untranslated
-from msnn.features.nnodely.followed_python.python_function import follow
-from msnn.features.nnodely.followed_python.python_source import (
+from msnn.features.nnodely.followed_python.python_function import (
     FunctionError,
     argument_names,
+    follow,
     parse_function,
+    refuse_mixed_rows,
     with_arguments_last,
 )
-from msnn.features.nnodely.followed_python.separate_rows import refuse_mixed_rows
 from msnn.features.nnodely.followed_python.torch_calls import NeedsElementsError, Tensor, Whole
+from msnn.features.nnodely.json_text import JsonText
+from msnn.features.nnodely.names import TakenNames
 from msnn.features.nnodely.parameters import Parameters
-from msnn.features.nnodely.saved_file.grammar import File, Function
-from msnn.features.nnodely.saved_file.json_text import JsonText
-from msnn.features.nnodely.terms import arrays
-from msnn.features.nnodely.terms.arrays import Elements
-from msnn.features.nnodely.terms.names import TakenNames
-from msnn.features.nnodely.terms.terms import (
+from msnn.features.nnodely.saved_model import File, Function
+from msnn.features.nnodely.terms import (
     Call,
     Named,
     Term,
@@ -35,7 +35,7 @@ from msnn.features.nnodely.terms.terms import (
     number,
     text_of_whole,
 )
-from msnn.features.nnodely.terms.values import ShapeError, Value, ValueOperations, one_piece
+from msnn.features.nnodely.values import ShapeError, Value, ValueOperations, one_piece
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
 

@@ -10,15 +10,14 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from msnn.features.nnodely.arrays import Elements
 from msnn.features.nnodely.errors import unfit_shapes, without_values
-from msnn.features.nnodely.saved_file.grammar import Array
-from msnn.features.nnodely.saved_file.json_text import JsonText
-from msnn.features.nnodely.terms.arrays import Elements
-from msnn.features.nnodely.terms.dims import Dims
-from msnn.features.nnodely.terms.names import TakenNames
-from msnn.features.nnodely.terms.terms import LARGEST, Named, Term, number, number_text, shortest
-from msnn.features.nnodely.terms.terms import Call as CallHead
-from msnn.features.nnodely.terms.values import Value
+from msnn.features.nnodely.json_text import JsonText
+from msnn.features.nnodely.names import Dims, TakenNames
+from msnn.features.nnodely.saved_model import Array
+from msnn.features.nnodely.terms import LARGEST, Named, Term, number, number_text, shortest
+from msnn.features.nnodely.terms import Call as CallHead
+from msnn.features.nnodely.values import Value
 from spec_schema.diagnostics.diagnostic import SpecError
 
 # names that nnodely gives to numbers in formulas: these are written as numbers again

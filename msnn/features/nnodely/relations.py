@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,32 +13,28 @@ from msnn.features.nnodely.errors import (
     unknown_name,
     unknown_relation,
 )
+from msnn.features.nnodely.followed_python.torch_names import SAME, negative
 from msnn.features.nnodely.functions import Functions, NotRecognisedError
-from msnn.features.nnodely.layers.fuzzy_sets import fuzzified
-from msnn.features.nnodely.layers.layers import Layers, Weighted
-from msnn.features.nnodely.layers.tables import interpolated
+from msnn.features.nnodely.json_text import JsonText, path_text
+from msnn.features.nnodely.layers import Layers, Weighted, fuzzified, interpolated
 from msnn.features.nnodely.parameters import Parameters
-from msnn.features.nnodely.recognition.recognised import Recognised
-from msnn.features.nnodely.relation_kinds import (
-    OF_ONE,
-    OF_TWO,
-    UnknownKindError,
-    counted,
-    dropout_share,
-    one_name,
-    unknown_form,
-)
-from msnn.features.nnodely.saved_file.grammar import File, names_in
-from msnn.features.nnodely.saved_file.json_text import JsonText, path_text
+from msnn.features.nnodely.recognition import Recognised
+from msnn.features.nnodely.saved_model import File, names_in
 from msnn.features.nnodely.signals import Signals
-from msnn.features.nnodely.terms.terms import (
+from msnn.features.nnodely.terms import (
     Call,
     CutError,
     Held,
     Term,
     call,
+    minus,
+    plus,
+    power,
+    quotient,
+    same,
+    times,
 )
-from msnn.features.nnodely.terms.values import ShapeError, Value, ValueOperations, filled
+from msnn.features.nnodely.values import ShapeError, Value, ValueOperations, filled
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 
 
@@ -260,3 +256,70 @@ class Relations:
         return Value(
             by.window, by.dim, (Term(head, (self.values.whole(of), whole), whole.window, by.dim),)
         )
+
+
+OF_TWO: Mapping[str, Callable[[Term, Term], Term]] = {
+    "Add": plus,
+    "Sub": minus,
+    "Mul": times,
+    "Div": quotient,
+    "Pow": power,
+}
+"""Functions of two values, element by element."""
+OF_ONE: Mapping[str, Callable[[Term], Term]] = {
+    "Neg": negative,
+    "Sign": SAME["sign"],
+    "Sin": SAME["sin"],
+    "Cos": SAME["cos"],
+    "Tan": SAME["tan"],
+    "Tanh": SAME["tanh"],
+    "Cosh": SAME["cosh"],
+    "Sech": lambda x: call("sech", x),
+    "Relu": SAME["relu"],
+    "ELU": SAME["elu"],
+    "Sigmoid": SAME["sigmoid"],
+    "Identity": same,
+}
+"""Functions of one value, element by element."""
+
+
+class UnknownKindError(Exception):
+    """An unsupported relation."""
+
+    def __init__(self, what: str, repair: str) -> None:
+        super().__init__(what)
+        self.repair = repair
+
+
+def unknown_form(kind: str) -> UnknownKindError:
+    """An unsupported kind of relation, or unexpected arguments."""
+    repair = "save it anew by `saveModel` of nnodely 1.x, or write its formula in a spec"
+    if kind == "NeuralODE":
+        repair = "write `states: {x: {der: …}}` with `integrator:` in a spec"
+    return UnknownKindError(f"a relation `{kind}` of this form is not known", repair)
+
+
+def counted(values: list[Value], wanted: int) -> list[Value]:
+    """The operands, if their number is correct."""
+    if len(values) != wanted:
+        raise ShapeError(f"{len(values)} operands, where {wanted} are needed")
+    return values
+
+
+def one_name(rest: list[Any]) -> str:
+    """The only option of a relation, a name."""
+    if len(rest) == 1 and isinstance(rest[0], str):
+        return rest[0]
+    what, repair = "a `ParamFun` of this form is not known", "name one function after its operands"
+    raise UnknownKindError(what, repair)
+
+
+def dropout_share(rest: list[Any]) -> float:
+    """The dropout fraction of a layer; 0 if not given."""
+    match rest:
+        case []:
+            return 0.0
+        case [int() | float() as share] if not isinstance(share, bool) and 0 <= share < 1:
+            return float(share)
+        case _:
+            raise UnknownKindError("a dropout that is no share", "take 0 … 1, without 1")

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from msnn.features.nnodely.errors import fed_back_late, rounded_window, starts_at_zero
-from msnn.features.nnodely.saved_file.grammar import File, Input
-from msnn.features.nnodely.saved_file.json_text import JsonText
-from msnn.features.nnodely.terms.names import TakenNames
-from msnn.features.nnodely.terms.terms import Signal, Term
-from msnn.features.nnodely.terms.values import ShapeError, Value, ValueOperations, refuse_many
+from msnn.features.nnodely.json_text import JsonText
+from msnn.features.nnodely.names import TakenNames
+from msnn.features.nnodely.saved_model import File, Input
+from msnn.features.nnodely.terms import Signal, Term
+from msnn.features.nnodely.values import ShapeError, Value, ValueOperations, refuse_many
 from spec_schema.diagnostics.diagnostic import Findings
 
 # buffers of windows (`_sw`), integrals and derivatives, by nnodely's names for them

@@ -1,4 +1,4 @@
-"""Builds the charts of errors, of rollouts and of training for the page."""
+"""Builds the charts of the page: errors, rollouts, training, learned functions."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from msnn.data.dataset import FloatArray
 from msnn.features.report_page.packing import Plain, listed, packed
 from msnn.reports.drawn import unit_of, with_unit
+from msnn.reports.learned_functions import LearnedFunction
 from msnn.reports.run_summary import Run, TrainedStage
 from msnn.validation.measurement import Measurement
 from msnn.validation.reports.words import measured_as
@@ -163,3 +164,35 @@ def _losses(stage: TrainedStage) -> Plain:
 def _positive(values: FloatArray) -> bool:
     known = values[np.isfinite(values)]
     return len(known) > 0 and bool((known > 0).all())
+
+
+def function_charts(functions: Sequence[LearnedFunction]) -> Iterator[tuple[str, Plain]]:
+    """A title and a chart each."""
+    for function in functions:
+        yield function.titled(len(function.curves)), _chart(function)
+
+
+def _chart(function: LearnedFunction) -> Plain:
+    panel: Plain = {
+        "label": function.y_label,
+        "height": 190,
+        "series": [
+            {
+                "name": curve.label,
+                "color": color_of(number),
+                "y": listed(curve.y) if function.is_taps else packed(curve.y),
+                "wide": True,
+                **({"kind": "stem"} if function.is_taps and len(function.curves) == 1 else {}),
+            }
+            for number, curve in enumerate(function.curves)
+        ],
+    }
+    if function.is_taps:
+        panel |= {"zero": True, "lines": [{"y": 0, "solid": True, "color": "muted"}]}
+    return {
+        "label": f"Learned function {function.title}",
+        "xlabel": function.x_label,
+        "padded": True,
+        "x": listed(function.x) if function.is_taps else packed(function.x),
+        "panels": [panel],
+    }

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from backends.c.host.build import CompilerFailedError
-from backends.c.host.struct_memory import NUMBERS, StructMemory
+from backends.c.host.library import NUMBERS, StructMemory
+from backends.files.c_compiler import CompilerTooSlowError, run_compiler, zig_program
 from compiler.differentiation.estimated_starts import estimated_states
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
@@ -21,11 +22,12 @@ from msnn.errors.failures import MissingExtraError
 from msnn.exports.export import plan_exports, write_export
 from msnn.features.report_page.packing import Plain
 from msnn.features.report_page.records import Ports
-from msnn.features.report_page.web_assembly import web_assembly
 from msnn.model.model import Model
+from msnn.packages import ZIGLANG
 from msnn.reports.drawn import MOST_ELEMENTS, element_name
 from msnn.simulation.simulate import Simulation
-from msnn.verification.exported_c import read_exported_c
+from msnn.verification.exported_c import ExportedC, includes, read_exported_c
+from msnn.verification.harness import TEMPLATES, write_harness
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.registry import ARITHMETICS
 from spec_schema.units.unit import ONE
@@ -280,3 +282,48 @@ def _memory(layout: Plain) -> dict[str, int]:
     # parameters lie in a struct only where the export lets them be set
     kept = {"state of one instance": sizes["state"]}
     return kept | ({"trained values": sizes["params"]} if layout["takes_parameters"] else {})
+
+
+_FLAGS = (
+    "-target",
+    "wasm32-freestanding",
+    "-std=c99",
+    "-O2",
+    "-ffreestanding",
+    "-fno-builtin",
+    "-ffp-contract=off",
+    "-nostdlib",
+    "-Wl,--no-entry",
+)
+_ROOM = 4096
+"""Bytes for messages after the golden steps."""
+
+
+def web_assembly(model: ExportedC, folder: Path) -> bytes:
+    """The WebAssembly module; `folder` receives the harness and intermediate files.
+
+    The flags are those of the boards: no library, no fused operations. Raises MissingExtraError
+    without zig, and CompilerFailedError if the C code needs a library.
+    """
+    ZIGLANG.require("compiles the model of a report to WebAssembly")
+    zig = zig_program()
+    assert zig is not None, "it is installed"
+    write_harness("replay.h", model, folder)
+    room = sum(len(line) + 8 for line in model.expected) + _ROOM
+    main = write_harness("browser_main.c", model, folder, room=room)
+    freestanding = TEMPLATES / "freestanding"
+    sources = [*model.sources, main, freestanding / "library.c"]
+    module = folder / "model.wasm"
+    command = [
+        *(str(zig), "cc", *_FLAGS),
+        *(f"-I{freestanding}", f"-I{folder}", *includes(model)),
+        *(str(path) for path in sources),
+        *("-o", str(module)),
+    ]
+    try:
+        done = run_compiler(command, folder=folder)
+    except CompilerTooSlowError as error:
+        raise CompilerFailedError(command, f"it {error}") from None
+    if done.code != 0:
+        raise CompilerFailedError(command, done.errors + done.output)
+    return module.read_bytes()

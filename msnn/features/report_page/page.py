@@ -17,14 +17,18 @@ from markupsafe import Markup, escape
 import templates
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.features.report_page import tables
-from msnn.features.report_page.charts import MOST_MEASUREMENTS, error_charts, training_charts
-from msnn.features.report_page.equations import equations
-from msnn.features.report_page.functions import function_charts
+from msnn.features.report_page.charts import (
+    MOST_MEASUREMENTS,
+    error_charts,
+    function_charts,
+    training_charts,
+)
 from msnn.features.report_page.live import LiveModel, NotLive, linear_inputs
 from msnn.features.report_page.packing import Plain
 from msnn.features.report_page.records import Ports, Records, records
-from msnn.model.learned_numbers import learned_numbers
-from msnn.model.model import Model
+from msnn.features.report_page.tables import equations
+from msnn.model.model import Model, learned_numbers
+from msnn.model.program_file import plugins_text, recorded_plugins
 from msnn.reports.diagram.svg import architecture_svg
 from msnn.reports.drawn import unit_of
 from msnn.reports.learned_functions import MOST_FUNCTIONS, LearnedFunction
@@ -166,6 +170,7 @@ def _facts(contents: Contents) -> list[tuple[str, str]]:
         ("settings", ", ".join(str(text) for text in found.get("settings", []))),
         ("data", f"{files} · rows: {rows}"),
         ("made with", ", ".join(f"{n} {v}" for n, v in found["versions"].items())),
+        ("plug-ins", plugins_text(recorded_plugins(found))),
     ]
     if contents.line is not None:
         facts.append(("training took", f"{contents.line.seconds:.3g} s"))

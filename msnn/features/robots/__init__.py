@@ -1,1 +1,1 @@
-"""Robots as parts of a model: a URDF, and the rigid-body dynamics of what it describes."""
+"""Robots as parts of a model: rigid-body dynamics generated from a URDF file."""

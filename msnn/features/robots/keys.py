@@ -1,4 +1,4 @@
-"""Robots: what a spec says of a URDF file beside what stands in the file."""
+"""The keys of a robot in a spec, in addition to its URDF file."""
 
 from dataclasses import field
 from typing import Annotated, ClassVar, TypeAlias
@@ -8,9 +8,8 @@ from pydantic import Field
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
-from spec_schema.fields.entry import Entry, RefusedError
-from spec_schema.fields.located import Choice, Located, Spelled
-from spec_schema.fields.named_tables import Named
+from spec_schema.fields.entry import Entry, Named, RefusedError
+from spec_schema.fields.leaf import Choice, Located, Spelled
 from spec_schema.fields.plain import DifferentOf, LocatedText, located_choice, reads, scalar
 from spec_schema.fields.quantities import QUANTITY, read_quantity
 from spec_schema.late_dataclass import dataclass
@@ -28,7 +27,7 @@ class Joints(Spelled):
 
     @property
     def spelling(self) -> Located[str] | tuple[Located[str], ...]:
-        """The dimension, or the list."""
+        """The name of the dimension, or the list of joints."""
         return self.dimension or self.labels
 
 
@@ -76,7 +75,7 @@ Learned: TypeAlias = Annotated[Choice[str], located_choice("mass", "com", "inert
 
 
 class Robot(Entry):
-    """The rigid-body dynamics of what a URDF file describes; calls such as `arm.mass_matrix(q)`."""
+    """A robot from a URDF file; calls such as `arm.mass_matrix(q)` compute its dynamics."""
 
     noun: ClassVar[str] = "a robot"
     shorthand: ClassVar[str | None] = "urdf"
@@ -91,8 +90,8 @@ class Robot(Entry):
     """Inertia of the motors seen at the joints, in kg*m^2 (kg where a joint slides)."""
     # None is `fixed`: located where it is given, as messages about joints of the base point there
     base: Annotated[Choice[str], located_choice("fixed", "floating")] | None = None
-    """Whether the base is fixed (default) or moves by six joints, `base_x` … `base_yaw`."""
+    """`fixed` (default), or `floating`: a base that moves by six joints, `base_x` … `base_yaw`."""
     frames: Named[LocatedText] = Field(default_factory=dict[str, Located[str]])
-    """Links whose position and velocity are asked for, by names: `arm.tip.position(q)`."""
+    """Links whose position and velocity the spec uses, by name: `arm.tip.position(q)`."""
     learn: DifferentOf[Learned] = ()
-    """Which inertial parameters are learned: `mass`, `com`, `inertia`."""
+    """Learned inertial parameters: `mass`, `com`, `inertia`."""

@@ -1,4 +1,4 @@
-"""Robots, as the reader of specs and the records of runs call them."""
+"""Defines robots as a kind of sub-model, for the reader of specs and for saved runs."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from msnn.features.robots.urdf.robot_part import robot_part
 from msnn.features.robots.urdf.urdf_file import Urdf, read_urdf
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.sections.part import PartKind
+from spec_schema.sections.submodels import PartKind
 
 _Piece = TypeVar("_Piece")
 
 
 def _difference(before: str, text: str) -> str | None:
-    """The difference of two URDFs; None where both are one robot.
+    """Describes the first difference of two URDFs; None if both describe the same robot.
 
-    Comments, names of meshes and all else that no model reads count for nothing.
+    Comments, names of meshes and other text that no model reads are ignored.
     """
     then, now = _read(before), _read(text)
     if then is None or now is None:

@@ -14,9 +14,9 @@ from backends.files.atomic_write import write_bytes
 from backends.files.disk_arrays import AT_ONCE
 from backends.files.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray, Record
-from msnn.model.weights.given_weights import Weights, weights_path
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
-from spec_schema.reading.endless_files import refuse_endless
+from msnn.model.weights.weights_file import Weights, weights_path
+from spec_schema.reading.reader import refuse_endless
 
 STARTS = "starts.safetensors"
 _START, _SIGNAL = "start of ", "recorded "

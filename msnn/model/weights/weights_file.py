@@ -1,22 +1,26 @@
-"""Saves weights to disk: a safetensors file with each parameter's physical float64 array."""
+"""Converts weights from every accepted form, checks them against the model, and saves them."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from backends.files.atomic_write import write_bytes
 from backends.files.safetensors_bytes import safetensors_bytes
-from compiler.ir.program import Program
+from compiler.ir.program import Parameter, Program
 from msnn.data.dataset import FloatArray
+from msnn.errors.learning import training as training_errors
+from msnn.errors.learning import weights as errors
 from msnn.errors.learning import weights as weight_errors
-from msnn.model.weights.checked_weights import checked_weights
+from msnn.model.saved_run import WEIGHTS, followed
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
-from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.reading.reader import refuse_endless
 
 
 def initial_weights(program: Program) -> dict[str, FloatArray]:
@@ -61,3 +65,143 @@ def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
     except WeightsFault as fault:
         raise SpecError((weight_errors.unreadable_weights(shown, str(fault)),)) from fault
     return checked_weights(program, arrays, shown)
+
+
+_ROUNDING = float(np.finfo(np.float32).eps)
+
+GIVEN = "the given mapping of weights"
+"""Origin of weights in messages if they are not from a file."""
+
+
+def checked_weights(
+    program: Program, arrays: Mapping[str, NDArray[Any]], origin: str
+) -> dict[str, FloatArray]:
+    """The arrays of all parameters; SpecError with all errors. `origin` names them in messages."""
+    faults: list[Diagnostic] = []
+    known = [parameter.name for parameter in program.parameters]
+    unknown = [name for name in arrays if name not in known]
+    if unknown:
+        faults.append(errors.unknown_weights(origin, unknown, known))
+    missing = [name for name in known if name not in arrays]
+    if missing:
+        faults.append(errors.missing_weights(origin, missing, given=origin == GIVEN))
+    found: dict[str, FloatArray] = {}
+    for parameter in program.parameters:
+        shape = tuple(axis.size for axis in parameter.axes)
+        name, array = parameter.name, arrays.get(parameter.name)
+        if array is None:
+            continue
+        if array.shape != shape:
+            faults.append(
+                errors.misshapen_weights(origin, name, array.shape, shape, parameter.span)
+            )
+        # a cast would take bits, texts and complex numbers without a word
+        elif not np.issubdtype(array.dtype, np.floating):
+            faults.append(errors.weights_not_floating(origin, name, str(array.dtype)))
+        else:
+            found[name] = array.astype(np.float64)
+    wild = [name for name, array in found.items() if not np.all(np.isfinite(array))]
+    if wild:
+        faults.append(errors.weights_not_finite(origin, wild))
+    for parameter in program.parameters:
+        outside = _outside(parameter, found.get(parameter.name))
+        if outside is not None:
+            faults.append(errors.weights_outside_bounds(origin, parameter, outside))
+    if faults:
+        raise SpecError(faults)
+    return found
+
+
+def _outside(parameter: Parameter, array: FloatArray | None) -> float | None:
+    """The value that is furthest outside the bounds of its parameter; None if all are inside."""
+    low = -np.inf if parameter.minimum is None else parameter.minimum
+    high = np.inf if parameter.maximum is None else parameter.maximum
+    if array is None or not array.size or not np.all(np.isfinite(array)):
+        return None
+    beyond = np.maximum(low - array, array - high)
+    worst = np.unravel_index(np.argmax(beyond), beyond.shape)
+    # a bound that single precision rounded may lie outside itself
+    nearest = np.clip(array[worst], low, high)
+    return float(array[worst]) if beyond[worst] > _ROUNDING * abs(nearest) else None
+
+
+@runtime_checkable
+class TensorLike(Protocol):
+    """A torch tensor; torch need not be installed."""
+
+    def detach(self) -> Any: ...
+
+
+Value: TypeAlias = "ArrayLike | TensorLike"
+
+
+@runtime_checkable
+class HasWeights(Protocol):
+    """A result of `train`, of `train_folds`, or the loss of a stage."""
+
+    @property
+    def weights(self) -> Any: ...
+
+
+Weights: TypeAlias = "Mapping[str, Value] | HasWeights | str | Path"
+"""Physical values of every parameter, in the units of the spec, by name; a result that has them;
+or the path of a weights file or of the folder of a run."""
+
+
+def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
+    """The array of every parameter of a program, in float64 (rule R12).
+
+    A name that is missing or unknown, a wrong shape and values that are no finite real numbers are
+    errors, raised together as SpecError; TypeError for what is no weights at all.
+    """
+    if isinstance(weights, str | Path):
+        return read_weights(weights_path(weights), program)
+    if not isinstance(weights, Mapping):
+        found = weights.weights if isinstance(cast("object", weights), HasWeights) else None
+        # of the loss of a stage it is a method
+        found = found() if callable(found) else found
+        if not isinstance(found, Mapping):
+            kind = type(weights).__name__
+            message = f"weights are a mapping, a result of training or a path, not {kind}"
+            raise TypeError(message)
+        weights = cast("Mapping[str, Value]", found)
+    # names that are no text, of a numpy array of names
+    arrays = {str(name): _array(value) for name, value in weights.items()}
+    return checked_weights(program, arrays, GIVEN)
+
+
+def known_weights(program: Program, weights: Weights | None) -> Mapping[str, FloatArray]:
+    """The weights that are given, by default the initial values.
+
+    Raises SpecError where the given ones do not fit, or initial ones are not known (R12).
+    """
+    if weights is not None:
+        return given_weights(program, weights)
+    unknown = [p for p in program.parameters if p.statistic is not None]
+    if unknown:
+        names = [parameter.name for parameter in unknown]
+        raise SpecError((training_errors.unknown_statistics(names, unknown[0].span),))
+    return initial_weights(program)
+
+
+def weights_path(given: str | Path) -> Path:
+    """The weights file that a path means: itself, or that of the folder of a run."""
+    path = Path(given)
+    # where links are refused `latest` is a file that leads to a folder
+    path = path if path.is_dir() else followed(path)
+    return path / WEIGHTS if path.is_dir() else path
+
+
+def _array(value: Value) -> NDArray[Any]:
+    """A value as array; integers such as 15 are accepted."""
+    if isinstance(value, TensorLike):
+        tensor = value.detach().cpu()
+        # numpy has no bfloat16
+        value = cast(
+            "NDArray[Any]", (tensor.double() if tensor.is_floating_point() else tensor).numpy()
+        )
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        array = np.asarray(value, dtype=object)
+    return array.astype(np.float64) if array.dtype.kind in "iu" else array

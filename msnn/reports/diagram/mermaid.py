@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msnn.reports.diagram.parts import Kind, Part, parts_of
+from msnn.reports.diagram.flow import Kind, Part, parts_of
 from spec_schema.sections.spec import Spec
 
 # What encloses the label of each kind.

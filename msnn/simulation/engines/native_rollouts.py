@@ -7,19 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from backends.native.rollouts.rollout_kernel import RolloutKernel
+from backends.native.rollout_kernel import RolloutKernel
 from backends.native.variables import flat
 from compiler.differentiation.training_step import loss_terms
-from compiler.interpreter.bounded import exact, unit_roundoff
-from compiler.interpreter.bounded_rollouts import Forward
-from compiler.interpreter.bounded_sums import Total
+from compiler.interpreter.bounded import Total, exact, unit_roundoff
 from compiler.interpreter.interpreter import physical_weights
+from compiler.interpreter.rounding import Forward
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data.starts import Runs, reach
+from msnn.data.rollout_rows import Runs, reach
 from msnn.simulation.engines.engine import Advance
-from msnn.simulation.engines.kernel_trials import (
+from msnn.simulation.engines.kernel_check import (
     LONGEST,
     Weights,
     cases,

@@ -9,21 +9,24 @@ from typing import get_args
 import numpy as np
 
 from backends.files.c_compiler import CompilerMissingError
-from compiler.ir.liveness import needed
+from backends.native.kernel_cache import KernelFolder
+from compiler.ir.nodes import needed
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
-from msnn.errors.learning import kernels
+from msnn.data.rollout_rows import Runs
+from msnn.errors.learning import engines
+from msnn.errors.learning.engines import foreign_kernels, unusable_kernel_folder
 from msnn.packages import TORCH
 from msnn.simulation.engines.engine import (
+    SIDE_BY_SIDE,
     Engine,
     EngineName,
     EngineToOpen,
     ExportName,
     OpenedRollouts,
+    interpreted_rollouts,
 )
-from msnn.simulation.engines.stepwise import SIDE_BY_SIDE, interpreted_rollouts
-from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 AUTO = "auto"
 ENGINES: tuple[str, ...] = (AUTO, *get_args(EngineName), *get_args(ExportName))
@@ -64,14 +67,14 @@ def open_rollouts(
         case "native":
 
             def refused(reason: str, by: Exception) -> OpenedRollouts:
-                raise SpecError([kernels.no_native_rollouts(reason)]) from by
+                raise SpecError([engines.no_native_rollouts(reason)]) from by
 
             return _native(program, weights, series, runs, refused)
         case "auto":
 
             def interpreted(reason: str, by: Exception) -> OpenedRollouts:
                 del by
-                note = kernels.interpreted_instead(reason)
+                note = engines.interpreted_instead(reason)
                 judge = interpreted_rollouts(program, weights, series)
                 return OpenedRollouts(judge, "interpreter", (note,))
 
@@ -91,7 +94,7 @@ def known_engine(name: str, *more: str) -> str:
     """
     known = (*ENGINES, *more)
     if name not in known:
-        raise SpecError([kernels.unknown_engine(name, known)])
+        raise SpecError([engines.unknown_engine(name, known)])
     if name == "torch":
         TORCH.require("runs models with `--engine torch`")
     return name
@@ -124,9 +127,8 @@ def _native(
     otherwise: Callable[[str, Exception], OpenedRollouts],
 ) -> OpenedRollouts:
     # jinja2 and the emitter are loaded only where kernels are made
-    from backends.native.kernel_cache.folders import kernel_folder
-    from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
-    from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+    from backends.native.kernel_cache import kernel_folder
+    from msnn.simulation.engines.kernel_check import NO_FALLBACK
     from msnn.simulation.engines.native_rollouts import NativeRollouts
 
     try:
@@ -141,3 +143,13 @@ def _native(
         reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]
         return otherwise(f"{reason} (a mistake of msnn: please report it with the spec)", error)
     return OpenedRollouts(made, "native", kernel_folder_warnings(kernel_folder()))
+
+
+def kernel_folder_warnings(found: KernelFolder) -> tuple[Diagnostic, ...]:
+    """The warning; empty if the requested folder is used."""
+    refused = found.refused
+    if refused is None:
+        return ()
+    # a folder in which others write is no place to load code from (decision 0183)
+    of = foreign_kernels if refused.is_foreign else unusable_kernel_folder
+    return (of(refused.folder, refused.reason, found.path),)

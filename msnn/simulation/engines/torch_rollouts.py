@@ -11,8 +11,8 @@ from backends.torch_module.module import TorchModel, gathered
 from compiler.interpreter.interpreter import StepValues, physical_weights
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
-from msnn.simulation.engines.stepwise import StepwiseRollouts
+from msnn.data.rollout_rows import Runs
+from msnn.simulation.engines.engine import StepwiseRollouts
 from msnn.simulation.rollout import RolloutRow, longest_first
 
 

@@ -1,16 +1,20 @@
-"""Defines the interface of training engines, through which stages drive any engine."""
+"""Defines the interface of training engines, and the series that change during a stage."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from compiler.differentiation.estimated_starts import estimated_states, start_signal
+from compiler.ir.types import Type
+from compiler.passes.draw_dropout import Mask
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import LossSum
+from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import EstimatedStarts
 
 LossSums = dict[str, LossSum]
@@ -122,3 +126,44 @@ class StartsEstimator(Protocol):
         them.
         """
         ...
+
+
+def own_series(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """The series with separate arrays for those that change during the stage.
+
+    Every dropout factor is 1 and every initial state is 0.
+    """
+    rows = len(next(iter(series.values()), np.zeros(0)))
+    states = () if plan.rollout.starts is None else estimated_states(plan.rollout.starts.program)
+    blank = {start_signal(s.name): np.zeros((rows, *Type(s.axes).shape)) for s in states}
+    return {**with_all_kept(series, plan.masks), **blank}
+
+
+def without_masks(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """The series without dropout factors: evaluations use no dropout."""
+    masks = {mask.signal for mask in plan.masks}
+    return {name: values for name, values in series.items() if name not in masks}
+
+
+def with_all_kept(series: Mapping[str, FloatArray], masks: Sequence[Mask]) -> dict[str, FloatArray]:
+    """The series with all dropout factors set to 1."""
+    rows = len(next(iter(series.values()), np.zeros(0)))
+    return {**series, **{mask.signal: np.ones((rows, mask.size)) for mask in masks}}
+
+
+def factors_of(
+    plan: StagePlan, series: Mapping[str, FloatArray], epoch: int, attempt: int = 0
+) -> dict[str, FloatArray]:
+    """The dropout factors of an epoch for all rows: (rows, elements) per mask.
+
+    The generator is Philox (Salmon et al. 2011), keyed by seed, stage, epoch, attempt and mask. A
+    step at row t uses the factors of row t, in any rollout.
+    """
+    found: dict[str, FloatArray] = {}
+    rows = len(next(iter(series.values()), np.zeros(0)))
+    for number, mask in enumerate(plan.masks):
+        key = np.random.SeedSequence([plan.seed, plan.index, epoch, attempt, number])
+        source = np.random.Philox(key)
+        draws = np.random.Generator(source).random((rows, mask.size))
+        found[mask.signal] = np.where(draws < mask.rate, 0.0, 1.0 / (1.0 - mask.rate))
+    return found

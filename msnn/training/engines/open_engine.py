@@ -8,23 +8,22 @@ from typing import TYPE_CHECKING
 
 from backends.files.c_compiler import CompilerMissingError
 from backends.files.disk_arrays import DiskArray
-from backends.native.kernel_cache.folders import kernel_folder
+from backends.native.kernel_cache import kernel_folder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.errors.disk_data import not_on_disk
+from msnn.errors.data.files import not_on_disk
 from msnn.errors.learning import training as errors
-from msnn.errors.ranks import no_ranks_in_torch
+from msnn.errors.learning.engines import no_ranks_in_torch
 from msnn.packages import TORCH
-from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
-from msnn.training.engines.native.kernel_or_not import on_torch, try_natively
-from msnn.training.engines.native.native_engine import NativeEngine
+from msnn.simulation.engines.open_rollouts import kernel_folder_warnings
+from msnn.training.engines.devices import installed_memory, memory_warnings
+from msnn.training.engines.native.native_engine import NativeEngine, on_torch, try_natively
 from msnn.training.engines.native.native_squares import NativeSquares
-from msnn.training.engines.needed_memory import installed_memory, memory_warnings
 from msnn.training.engines.second_order.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
-from spec_schema.sections.training.optimizers import TorchOptimizer
+from spec_schema.sections.optimizers import TorchOptimizer
 
 if TYPE_CHECKING:
     from msnn.training.engines.torch.torch_engine import TorchEngine

@@ -5,27 +5,34 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import Literal, assert_never
 
 from compiler.ir.kept_results import kept_for_same
-from compiler.ir.program import Program
+from compiler.ir.nodes import needed_over_time
+from compiler.ir.program import Declared, History, LayerMemory, Program, State, Tape
 from compiler.passes.draw_dropout import Mask, draw_dropout
-from msnn.errors.learning import runs
+from msnn.data.rollout_rows import reads
+from msnn.errors.learning import runs, training
 from msnn.errors.learning import training as errors
-from msnn.model.learned_numbers import is_frozen
+from msnn.model.model import is_frozen
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
-from msnn.training.plans.concerned_losses import concerns, of_parameters_alone
-from msnn.training.plans.curriculum import Phase, plan_curriculum
-from msnn.training.plans.learning_rate import Rule, check_rate
-from msnn.training.plans.penalties import check_priors, with_reached_corners, without_corners
-from msnn.training.plans.second_order_checks import check_keys, check_losses
+from msnn.training.plans.epochs import Phase, Rule, check_rate, plan_curriculum
+from msnn.training.plans.stage_checks import (
+    check_keys,
+    check_losses,
+    check_priors,
+    concerns,
+    of_parameters_alone,
+    with_reached_corners,
+    without_corners,
+)
 from msnn.training.ranks.training_ranks import TrainingRanks
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.names import no_parameter
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.late_dataclass import dataclass
-from spec_schema.sections.training.optimizers import (
+from spec_schema.sections.optimizers import (
     Adam,
     AdamW,
     Lbfgs,
@@ -34,7 +41,7 @@ from spec_schema.sections.training.optimizers import (
     Sgd,
     TorchOptimizer,
 )
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 
 TOTAL = "total"
 """Name of the monitor that watches the weighted total."""
@@ -319,3 +326,37 @@ def _matching(
         span = place.key or place.span if isinstance(place.value, float) else place.span
         findings.report(no_parameter(pattern, span, names))
     return found
+
+
+def fixed_starts(plan: StagePlan) -> list[Diagnostic]:
+    """Rule R7: an `init` that does not read data is the value at a recording's first row.
+
+    Exempt are states that only mean "a run begins" and states that only losses use: an integral in
+    a loss starts with the rollout. The caller must know that rollouts start inside recordings.
+    """
+    program = plan.rollout.program
+    following = {state.name: state.next for state in program.states}
+    outputs = [output.node for output in program.outputs]
+    _, deployed = needed_over_time(program.step, following, outputs)
+    found: list[Diagnostic] = []
+    for state in program.states:
+        match state.origin:
+            case Declared():
+                fixed = True
+            case LayerMemory(starts_fresh_each_run):
+                forgotten = plan.rollout.skip > 0  # what begins wrong fades before a row counts
+                fixed = not starts_fresh_each_run and state.name in deployed and not forgotten
+            case History() | Tape():
+                fixed = False
+            case _:
+                assert_never(state.origin)
+        if fixed and not _reads_log(program, state):
+            of_call = isinstance(state.origin, LayerMemory)
+            found.append(
+                training.starts_elsewhere(plan.name, state.name, state.span, of_call=of_call)
+            )
+    return found
+
+
+def _reads_log(program: Program, state: State) -> bool:
+    return bool(reads(program.start, [state.start]))

@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 from compiler.ir.program import Parameter
 from msnn.errors.learning import stages as errors
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.sections.training.optimizers import OptionValue, TorchOptimizer
+from spec_schema.sections.optimizers import OptionValue, TorchOptimizer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

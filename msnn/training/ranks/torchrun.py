@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from msnn.errors.ranks import one_process_alone
+from msnn.errors.learning.engines import one_process_alone
 from spec_schema.diagnostics.diagnostic import SpecError
 
 

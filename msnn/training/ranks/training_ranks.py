@@ -17,7 +17,7 @@ class RankLostError(Exception):
 
 class TrainingRanks(Protocol):
     """The processes of one training, in the form that kernels use
-    (`backends.native.handed_sums.Ranks`).
+    (`backends.native.kernel.Ranks`).
 
     All communication raises RankLostError.
     """

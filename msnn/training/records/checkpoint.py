@@ -18,7 +18,7 @@ from msnn.data.dataset import FloatArray
 from msnn.errors.learning import training as errors
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import EngineState, LossSums
-from msnn.training.plans.learning_rate import Reductions
+from msnn.training.plans.epochs import Reductions
 from msnn.training.plans.stage_result import EstimatedStarts, StageResult
 from spec_schema.diagnostics.diagnostic import SpecError
 

@@ -1,21 +1,27 @@
-"""Opens the folder of a new or interrupted run, and records how the run ended."""
+"""Opens the folder of a new or interrupted run, saves its position, and records its end."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+import signal
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from shutil import rmtree
+from types import FrameType
 from typing import Any, Literal
 
 from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
 from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
 from msnn.model.saved_run import FOLD, LATEST, has_checkpoint, newest, spec_places
-from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
+from msnn.training.records.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
-from msnn.training.records.run_folder import RunFolder, new_run_folder, own_folder
-from msnn.training.records.run_lock import held
+from msnn.training.records.run_folder import RunFolder, held, new_run_folder, own_folder
 from msnn.training.records.run_record import differences
 from msnn.training.records.training_options import TrainingOptions
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
@@ -156,3 +162,85 @@ class NotedProgress:
         line = describe(diagnostic)
         if line not in self._warnings:  # a resumed run warns of the same again
             self._warnings.append(line)
+
+
+WRITING = 0.5
+"""Seconds reserved for writing the files, out of `most_lost`."""
+
+RECENT = 1.0
+"""Seconds of work that are not worth a checkpoint at the end of a stage."""
+
+
+@dataclass(slots=True)
+class Safekeeping:
+    """Writes improved weights and checkpoints; does nothing for a run without files.
+
+    Files are replaced atomically and synchronised with the disk, the weights first. After a full
+    disk or power failure, an earlier state remains.
+    """
+
+    folder: RunFolder | None
+    progress: NotedProgress
+    most_lost: float
+    """Maximum number of seconds of work that a killed run loses."""
+    now: Callable[[], float] = time.monotonic
+    _saved: float = field(init=False)
+    _weights: Mapping[str, FloatArray] | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        self._saved = self.now()
+
+    def is_due(self, ahead: float) -> bool:
+        """True if a checkpoint is due before `ahead` seconds of further work."""
+        since = self.now() - self._saved
+        return self.folder is not None and since + ahead + WRITING >= self.most_lost
+
+    @property
+    def is_stale(self) -> bool:
+        """True if the last checkpoint is older than `RECENT` seconds."""
+        return self.folder is not None and self.now() - self._saved >= RECENT
+
+    def save(self, checkpoint: Checkpoint, best: Mapping[str, FloatArray]) -> None:
+        """Writes a checkpoint and restarts the clock."""
+        if self.folder is None:
+            return
+        # the weights first: a checkpoint never speaks of weights that are not on the disk
+        self.save_weights(best)
+        self.progress.keep()
+        metrics = self.folder.sync_metrics()
+        write_checkpoint(self.folder.checkpoint, replace(checkpoint, metrics=metrics))
+        self._saved = self.now()
+
+    def save_weights(self, weights: Mapping[str, FloatArray]) -> None:
+        """Writes the weights of the run, unless they are already written."""
+        # by identity: better weights are always new arrays
+        if self.folder is not None and weights is not self._weights:
+            self.folder.write_weights(weights)
+            self._weights = weights
+
+
+@contextmanager
+def end_on_interrupt(*, second_kills: bool = True) -> Generator[threading.Event]:
+    """Sets the event at the first Ctrl-C or SIGTERM; the second one kills the process.
+
+    torchrun forwards signals that its processes have already received. There the second signal is a
+    repetition of the first.
+    """
+    asked = threading.Event()
+    # Python hands signals to the main thread alone and refuses handlers elsewhere
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        if asked.is_set() and second_kills:
+            raise KeyboardInterrupt
+        asked.set()
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,10 +1,12 @@
-"""Manages the folder of a run, `runs/<name>/<time>/`, and the link `latest` to the last one."""
+"""Manages the folder of a run, its lock, and the link `latest` to the last one."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -13,6 +15,8 @@ from typing import Any, cast
 from backends.files.atomic_write import naming, sync, write_bytes, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
+from msnn.errors.learning.runs import still_runs
+from msnn.model.model_files import SubmodelFile
 from msnn.model.saved_run import (
     CHECKPOINT,
     DESCRIPTION,
@@ -25,13 +29,13 @@ from msnn.model.saved_run import (
     leads_to,
     read_json,
 )
-from msnn.model.spec_hash import SubmodelFile
-from msnn.model.weights.covariance_file import COVARIANCE, Covariance, write_covariance
+from msnn.model.weights.covariance import COVARIANCE, Covariance, write_covariance
 from msnn.model.weights.kept_starts import STARTS, KeptStarts, write_starts
 from msnn.model.weights.weights_file import write_weights
 from msnn.training.plans.stage_plan import StagePlan
-from msnn.training.records.bits_record import as_it_ran
-from msnn.training.records.metrics_log import MetricsLog, finite
+from msnn.training.records.curves import MetricsLog, finite
+from msnn.training.records.run_record import as_it_ran
+from spec_schema.diagnostics.diagnostic import SpecError
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,3 +211,73 @@ def _point(link: Path, target: Path) -> None:
         temporary.write_text(f"{target.as_posix()}\n", encoding="utf-8")
     temporary.replace(link)
     sync(link.parent)
+
+
+@contextmanager
+def held(run: Path | None) -> Generator[None]:
+    """Locks the folder of a run; SpecError if another process holds the lock.
+
+    The system releases the lock when the process ends. There is no lock on Windows, where folders
+    cannot be opened, and on file systems without locks.
+    """
+    if run is None or sys.platform == "win32":
+        yield
+        return
+    import fcntl  # of POSIX alone
+
+    # the folder itself: a lock file would stay behind where the process is killed
+    number = os.open(run, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise SpecError((still_runs(str(run)),)) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(number)
+
+
+@contextmanager
+def alone(run: Path) -> Generator[None]:
+    """Waits until no other process trains the run of this folder, which need not exist yet.
+
+    Other commands that use `alone` wait too. There is no lock on Windows.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    lock = run.with_name(f".{run.name}.lock")
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    number = _locked(lock)
+    try:
+        yield
+    finally:
+        # while it is held: who waits for it sees that the file is gone, and makes another
+        lock.unlink(missing_ok=True)
+        os.close(number)
+
+
+def _locked(lock: Path) -> int:
+    import fcntl
+
+    while True:
+        number = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(number, fcntl.LOCK_EX)
+            if _is_there(lock, number):
+                return number
+        except BaseException:  # an interrupt while it waits
+            os.close(number)
+            raise
+        os.close(number)
+
+
+def _is_there(lock: Path, number: int) -> bool:
+    """True if the open file is still the file at that path; another process may have removed it."""
+    try:
+        return os.path.samestat(os.fstat(number), lock.stat())
+    except FileNotFoundError:
+        return False

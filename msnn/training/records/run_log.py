@@ -13,10 +13,10 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from backends.files.atomic_write import naming
-from msnn.training.records.metrics_log import finite
+from msnn.training.records.curves import finite
 from msnn.validation.reports.words import rollout_text
 from msnn.validation.validate import ValidationReport
-from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.reading.reader import refuse_endless
 
 LOG = "runs.jsonl"
 

@@ -1,4 +1,4 @@
-"""Records the origin of a run in `run.json`, and finds changes since then."""
+"""Records the origin, the stages and what determines the bits of a run in `run.json`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from functools import cache
 from importlib.metadata import version
 from typing import Any, cast
@@ -13,13 +14,17 @@ from typing import Any, cast
 import numpy as np
 
 from backends.files.disk_arrays import blocks
+from backends.native.compile_kernel import KernelDescription, kernel_description
+from compiler.differentiation.estimated_starts import estimated_states
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
-from msnn.model.spec_hash import SubmodelFile
+from msnn.model.model_files import SubmodelFile
 from msnn.packages import TORCH
 from msnn.training.plans.stage_plan import StagePlan
-from msnn.training.records.bits_record import bits_record
-from msnn.training.records.stage_record import stage_record
+from msnn.training.plans.stage_result import StageResult
+from msnn.training.records.progress import StageEnd
+from spec_schema.fields.entry import Entry
+from spec_schema.fields.leaf import Located
 from spec_schema.version import __version__
 
 _FORMAT = 1
@@ -114,3 +119,136 @@ def data_hash(data: Dataset) -> str:
         for part in blocks(rows):
             digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
+
+
+_LAPACK = "LAPACK of numpy and the processor"
+_TORCH = "torch and the processor"
+_NOT_FLOAT32 = "what made a kernel wrong here in float32, so that the stage ran in float64"
+
+
+def bits_record(program: Program, plans: Sequence[StagePlan]) -> dict[str, Any]:
+    """The kernel build, and if the weights are bitwise reproducible on other machines.
+
+    `reproducible` is true if another compiler and another processor with fused multiply-add give
+    the same bits. Otherwise `depends_on` names the cause per stage and per fitted layer.
+    """
+    native = any(plan.engine != "torch" for plan in plans)
+    kernels = kernel_description() if native else None
+    reasons = {fit.layer: _LAPACK for fit in program.fits}
+    reasons |= {plan.name: reason for plan in plans if (reason := _depends_on(plan, kernels))}
+    return {
+        "reproducible": not reasons,
+        "depends_on": reasons,
+        "kernels": None if kernels is None else asdict(kernels),
+    }
+
+
+def as_it_ran(record: Mapping[str, Any], plan: StagePlan) -> dict[str, Any]:
+    """The record after a stage fell back from its planned kernel."""
+    reason = _TORCH if plan.engine == "torch" else _NOT_FLOAT32
+    depends_on = {**record.get("depends_on", {}), plan.name: reason}
+    return {**record, "reproducible": False, "depends_on": depends_on}
+
+
+def _depends_on(plan: StagePlan, kernels: KernelDescription | None) -> str:
+    """The cause besides spec and data that determines the bits of a stage; empty if there is
+    none.
+    """
+    if plan.engine == "torch" or kernels is None:
+        return _TORCH
+    match plan.optimizer.steps_by:
+        case "torch":
+            return _TORCH
+        case "LAPACK":
+            return _LAPACK
+        case "kernel" if kernels.fuses or plan.reproducible:
+            return ""
+        case "kernel":
+            return "the processor: it has no fused multiply-add"
+
+
+def stage_record(plan: StagePlan) -> dict[str, object]:
+    """The stage with every default filled in."""
+    return {
+        "name": plan.name,
+        "epochs": plan.epochs,
+        "batch": plan.batch,
+        "optimizer": _variant(plan.optimizer),
+        "rollout": {
+            "horizon": plan.rollout.horizon,
+            "stride": plan.rollout.stride,
+            "skip": plan.rollout.skip,
+            "warm_up": plan.rollout.warm_up,
+            "starts": _starts(plan),
+            "close": list(plan.rollout.closed),
+            "curriculum": {str(phase.until): phase.horizon for phase in plan.phases},
+        },
+        "skip_rows": plan.rollout.skip_rows,
+        "losses": dict(plan.loss_weights),
+        **({"losses_by_variance": True} if plan.weighs_by_variance else {}),
+        "trained": list(plan.trained),
+        "priors": _priors(plan),
+        "scales": _scales(plan),
+        "lr": dict(plan.lr_factors),
+        "schedule": None if plan.schedule is None else _variant(plan.schedule),
+        "clip": plan.clip,
+        "weight_decay": plan.weight_decay,
+        "monitor": plan.monitor,
+        "patience": plan.patience,
+        "seed": plan.seed,
+        "dtype": plan.dtype,
+        "engine": plan.engine,
+        "device": plan.device,
+        "threads": plan.threads,
+        "reproducible": plan.reproducible,
+        "starts": plan.attempts,
+    }
+
+
+def stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
+    """The event for a completed stage."""
+    return StageEnd(
+        stage=plan.name,
+        attempt=result.attempt + 1,
+        attempts=plan.attempts,
+        epochs=result.epochs,
+        best=result.best_value,
+        best_epoch=result.best_epoch,
+        seconds=result.seconds,
+        reason=result.reason,
+    )
+
+
+def _scales(plan: StagePlan) -> dict[str, object]:
+    moved = (plan.program.parameter(name) for name in plan.trained)
+    return {p.name: p.scale for p in moved if p.scales_by_data}
+
+
+def _priors(plan: StagePlan) -> dict[str, object]:
+    moved = (plan.program.parameter(name) for name in plan.trained)
+    return {p.name: asdict(p.prior) for p in moved if p.prior is not None}
+
+
+def _starts(plan: StagePlan) -> dict[str, object] | None:
+    """The states whose initial values are estimated, and the method."""
+    starts = plan.rollout.starts
+    if starts is None:
+        return None
+    names = [state.name for state in estimated_states(starts.program)]
+    return {"states": names, "over": starts.over, "with_parameters": plan.estimates_starts}
+
+
+def _variant(options: Entry) -> dict[str, object]:
+    name = options.noun.split()[-2]  # the adam optimizer, the cosine schedule
+    keys = (key for key in type(options).model_fields if key != "place")
+    return {name: {key: _plain(getattr(options, key)) for key in keys}}
+
+
+def _plain(value: object) -> object:
+    match value:
+        case Located():
+            return value.value
+        case dict():
+            return {name: _plain(found) for name, found in value.items()}
+        case _:
+            return value

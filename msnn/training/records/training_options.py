@@ -7,15 +7,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from compiler.elaboration.names import rule_of
 from msnn.data.dataset import FloatArray
 from msnn.model.model import Model
+from msnn.model.model_files import SubmodelFile
 from msnn.model.model_weights import redrawn_weights
 from msnn.model.saved_run import CHECKPOINT
-from msnn.model.spec_hash import SubmodelFile
 from msnn.training.engines.devices import CPU, Device
 from msnn.training.ranks.training_ranks import TrainingRanks
-from msnn.training.records.learned.black_boxes import black_boxes
-from msnn.training.records.run_lock import held
+from msnn.training.records.run_folder import held
+from spec_schema.sections.layers import Layer, LocalModel
+from spec_schema.sections.spec import Spec
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,3 +93,15 @@ def in_folder(options: TrainingOptions, folder: Path, *, goes_on: bool = True) -
         with held(folder):
             shutil.rmtree(folder)  # it was killed in its first seconds
     return replace(options, folder=folder, resume=resume)
+
+
+def black_boxes(spec: Spec) -> frozenset[str]:
+    """Full names of black-box layers, and of local models with black-box cells."""
+    return frozenset(name for name, layer in spec.layers.items() if _is_one(layer))
+
+
+def _is_one(layer: Layer) -> bool:
+    settings = layer.chosen()
+    return rule_of(
+        settings.cell.chosen() if isinstance(settings, LocalModel) else settings
+    ).is_black_box

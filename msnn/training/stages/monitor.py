@@ -9,12 +9,12 @@ import numpy as np
 from backends.raw_parameters import raw_value
 from compiler.ir.program import Measure
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.errors.learning.training import no_target_scored
 from msnn.simulation.rollout import entry_value
 from msnn.simulation.rollout_plan import start_signals
 from msnn.training.engines.engine import LossSums
-from msnn.training.plans.known_terms_of_stage import distance, has_priors, residuals_of
+from msnn.training.plans.loss_terms import distance, has_priors, residuals_of
 from msnn.training.plans.stage_data import TRAIN, StageData
 from msnn.training.plans.stage_plan import TOTAL, StagePlan
 from spec_schema.diagnostics.diagnostic import SpecError

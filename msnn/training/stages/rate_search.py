@@ -13,9 +13,9 @@ import math
 import numpy as np
 
 from msnn.data.dataset import IntArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.training.engines.engine import Engine, NonFiniteLossError
-from msnn.training.plans.epoch_order import order_key
+from msnn.training.plans.epochs import order_key
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.stages.monitor import loss_values, weighted_total
 

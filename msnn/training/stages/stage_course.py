@@ -1,4 +1,4 @@
-"""Analyses the course of a stage: dominant loss, chosen epoch, parameters that did not move."""
+"""Analyses the course of a stage: dominant loss, late jumps, chosen epoch, unmoved parameters."""
 
 from __future__ import annotations
 
@@ -9,14 +9,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.learning import notes
-from msnn.training.plans.known_terms_of_stage import has_priors
+from msnn.errors.learning import stages, training
+from msnn.training.plans.loss_terms import has_priors
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import TOTAL, StagePlan
 from msnn.training.plans.stage_result import StageResult
 from msnn.training.records.learned.standard_errors import ways_left
 from msnn.training.records.progress import EpochEnd
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.sections.optimizers import (
+    Adam,
+    AdamW,
+    Lbfgs,
+    LevenbergMarquardt,
+    Sgd,
+    TorchOptimizer,
+)
 
 ALONE = 0.95
 """Fraction of the total above which a single loss dominates."""
@@ -101,7 +109,7 @@ def unmoved(
                 names.remove(name)
     if not names:
         return []
-    return [notes.hardly_moved(names, plans[-1].program.parameter(names[0]).span)]
+    return [training.hardly_moved(names, plans[-1].program.parameter(names[0]).span)]
 
 
 def _has_moved(plan: StagePlan, name: str, begin: FloatArray, end: FloatArray) -> bool:
@@ -126,7 +134,7 @@ def _alone(
     share = min(early[name], late[name])
     if not share > ALONE:
         return None
-    return notes.decides_alone(name, share, plan.name, [n for n in late if n != name], plan.span)
+    return training.decides_alone(name, share, plan.name, [n for n in late if n != name], plan.span)
 
 
 def _shares(plan: StagePlan, losses: Mapping[str, float]) -> dict[str, float]:
@@ -173,7 +181,7 @@ def _kept(
     # any optimizer the total of the last epoch is of weights before its end, and rather too high
     if not is_kept and not best.monitor > max(FAR_ABOVE * last.total, nothing):
         return None
-    return notes.validation_decided(
+    return training.validation_decided(
         stage=plan.name,
         rollouts=len(data.watched),
         watched=data.watched_set,
@@ -184,3 +192,66 @@ def _kept(
         last=last.total,
         span=plan.span,
     )
+
+
+LATE = 0.5
+"""Fraction of the epochs after which a stage is late."""
+JUMP = 2.0
+"""Factor over the best monitor that counts as a jump."""
+OFTEN = 0.1
+"""Minimum fraction of late epochs with a jump; a single jump may be a rare batch."""
+SHARE = 0.3
+"""Suggested factor of the learning rate."""
+
+
+class LateJumps:
+    """Receives the epochs of one attempt at a stage."""
+
+    def __init__(self) -> None:
+        self._late, self._jumps = 0, 0
+        self._largest, self._at, self._rate = 0.0, 0, 0.0
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        """Counts a late epoch, and its jump if there is one."""
+        if event.epoch == 1:
+            # the next of several attempts: what an earlier one did says nothing of it
+            self.__init__()
+        if event.lr is None or event.epoch <= LATE * event.epochs:
+            return
+        self._late += 1
+        # losses of kind `mean` may be 0 or negative, of which there is no multiple
+        ratio = event.monitor / event.best if event.best > 0 else 1.0
+        if ratio > JUMP and math.isfinite(ratio):
+            self._jumps += 1
+            if ratio > self._largest:
+                self._largest, self._at, self._rate = ratio, event.epoch, event.lr
+
+    def hint(self, plan: StagePlan) -> Diagnostic | None:
+        """A hint with a lower learning rate; None without jumps."""
+        key = _key(plan)
+        if key is None or self._jumps <= OFTEN * self._late:
+            return None
+        return stages.jumps_late(
+            stage=plan.name,
+            epoch=self._at,
+            ratio=self._largest,
+            key=f"train.{plan.index}.optimizer.{key}",
+            rate=f"{SHARE * self._rate:.1g}",
+            schedule=None if plan.schedule is not None else f"train.{plan.index}.schedule",
+            span=plan.span,
+        )
+
+
+def _key(plan: StagePlan) -> str | None:
+    """The key of the learning rate; None for methods with their own step size."""
+    match plan.optimizer:
+        case Adam():
+            return "adam.lr"
+        case AdamW():
+            return "adamw.lr"
+        case Sgd():
+            return "sgd.lr"
+        case TorchOptimizer():
+            return "torch.options.lr"
+        case Lbfgs() | LevenbergMarquardt():
+            return None

@@ -1,4 +1,8 @@
-"""Runs one stage: shuffled epochs, the monitor, the best weights, early stopping."""
+"""Runs one stage, once per attempt: shuffled epochs, the monitor, best weights, early stopping.
+
+Attempts run one after the other, because the batches of one attempt already use all SIMD lanes and
+threads.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +11,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError, StartsEstimator
-from msnn.training.plans.epoch_order import order_key
-from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
-from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
+from msnn.training.plans.epochs import (
+    NO_REDUCTIONS,
+    Reductions,
+    after_epoch,
+    order_key,
+    rate_factor,
+)
+from msnn.training.plans.loss_terms import has_priors, residuals_of
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import EstimatedStarts, StageResult, Weights, monitor_order
 from msnn.training.ranks.training_ranks import TrainingRanks
-from msnn.training.records.checkpoint import TrainingPosition
+from msnn.training.records.checkpoint import Checkpoint, TrainingPosition
 from msnn.training.records.progress import EpochEnd
 from msnn.training.stages.monitor import loss_values, monitor, weighted_total
-from msnn.training.stages.pace import Pace
 from msnn.training.stages.rate_search import searched_rate
 from msnn.training.stages.stage_starts import StageStarts
 
@@ -272,3 +280,99 @@ class StageRun:
                 seconds=self._seconds,
             )
         )
+
+
+CALL = 0.25
+"""Maximum seconds per call: the delay of interrupts and time limits."""
+
+
+@dataclass(slots=True)
+class Pace:
+    """Measures calls to choose their number of batches; begins with one batch and doubles.
+
+    Small models run whole epochs in one call: after eight calls, a stage is at 200 batches. A batch
+    that takes longer than `CALL` is a call of its own.
+    """
+
+    most: int
+    seconds: float = 0.0
+    """Duration of the last call."""
+    batches: int = 1
+    """Number of batches of the next call."""
+
+    def called(self, batches: int, seconds: float) -> None:
+        """Records the duration of a call."""
+        self.seconds = seconds
+        fitting = int(batches * CALL / seconds) if seconds > 0.0 else self.most
+        self.batches = max(1, min(self.most, 2 * self.batches, fitting))
+
+
+@dataclass(slots=True)
+class StageAttempts:
+    """The attempts at one stage; `current` is the running or last one."""
+
+    plan: StagePlan
+    opened: Callable[[int], StageRun]
+    """Opens the attempt with that number."""
+    diverged: Callable[[StageRun, NonFiniteLossError], None]
+    """Receives diverged attempts, which are skipped."""
+    current: StageRun = field(init=False)
+    leader: StageResult | None = None
+
+    def __post_init__(self) -> None:
+        self.current = self.opened(0)
+
+    @property
+    def best(self) -> Weights | None:
+        """The best weights so far."""
+        ended, now = self.leader, self.current
+        if ended is None or (now.best is not None and _leads(now.best_value, ended)):
+            return now.best
+        return ended.best
+
+    def resume(self, checkpoint: Checkpoint) -> None:
+        """Continues from a checkpoint of this stage, also one at its beginning."""
+        self.leader = checkpoint.leader
+        if checkpoint.attempt:
+            self.current = self.opened(checkpoint.attempt)
+        if checkpoint.place is not None:
+            self.current.resume(checkpoint.place)
+
+    def checkpoint(self, before: Checkpoint) -> Checkpoint:
+        """The current position of a run that began this stage at `before`."""
+        now = self.current
+        return Checkpoint(
+            ended=before.ended,
+            begin=before.begin,
+            attempt=now.attempt,
+            leader=self.leader,
+            place=now.place(),
+        )
+
+    def run(self) -> StageResult:
+        """The result of the best attempt.
+
+        Raises Interrupted, and NonFiniteLossError if all attempts diverge. A checkpoint at the end
+        of an attempt continues with its last epoch.
+        """
+        while True:
+            last = self.current.attempt + 1 == self.plan.attempts
+            try:
+                self._compare(self.current.run())
+            except NonFiniteLossError as fault:
+                if last and self.leader is None:
+                    raise
+                self.diverged(self.current, fault)
+            if last:
+                break
+            self.current = self.opened(self.current.attempt + 1)
+        assert self.leader is not None
+        return self.leader
+
+    def _compare(self, result: StageResult) -> None:
+        if self.leader is None or _leads(result.best_value, self.leader):
+            self.leader = result
+
+
+def _leads(value: float, leader: StageResult) -> bool:
+    return monitor_order(value) < monitor_order(leader.best_value)

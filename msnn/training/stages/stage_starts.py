@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from msnn.data.dataset import BoolArray, Dataset, FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout_plan import score_some
 from msnn.simulation.start_fit import FoundStarts, StartFit, fit_of, uncertain_starts
 from msnn.training.plans.stage_data import StageData

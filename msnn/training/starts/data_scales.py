@@ -14,17 +14,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from compiler.differentiation.interpreted_products import interpreted_products
+from compiler.differentiation.interpreted_training import interpreted_products
 from compiler.differentiation.sensitivities import sensitivities
-from compiler.interpreter.bounded_rollouts import Rollouts
+from compiler.interpreter.rounding import Rollouts
 from compiler.ir.program import Loss, Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.learning import knowledge
+from msnn.errors.learning import stages
 from msnn.simulation.rollout_plan import set_rollouts
 from msnn.simulation.start_fit import fit_of
-from msnn.training.plans.compared_signal import compared_signal
-from msnn.training.plans.squared_losses import squared
-from msnn.training.plans.stage_data import TRAIN
+from msnn.training.plans.loss_terms import squared
+from msnn.training.plans.stage_data import TRAIN, compared_signal
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 
@@ -97,7 +96,7 @@ def _scales(
         largest = float(part.max())
         if not (np.isfinite(largest) and largest > 0):
             place = program.parameter(name).span
-            raise SpecError((knowledge.no_scale_of_data(name, place),))
+            raise SpecError((stages.no_scale_of_data(name, place),))
         scales[name] = 1.0 / float(np.sqrt(largest))
     return scales
 

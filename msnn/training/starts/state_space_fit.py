@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.training.starts.filter_equations import FORGOTTEN
 from msnn.training.starts.lattice import lattice_of
-from msnn.training.starts.linear_system import LinearSystem
-from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, least_squares
+from msnn.training.starts.linear_fit import FORGOTTEN
+from msnn.training.starts.linear_system import ROWS_AT_ONCE, LinearSystem, Triangle, least_squares
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ import numpy as np
 from msnn.data.dataset import FloatArray
 from msnn.training.starts.lattice import ComplexArray, lattice_of, reflections_of, stable
 from msnn.training.starts.linear_fit import size_of
+from msnn.training.starts.linear_system import ROWS_AT_ONCE, Triangle, least_squares
 from msnn.training.starts.state_space_fit import (
     RowsWithoutGap,
     StateSpaceArrays,
@@ -22,7 +23,6 @@ from msnn.training.starts.state_space_fit import (
     with_drive,
     with_read,
 )
-from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, least_squares
 
 
 def fitted_system(

@@ -9,7 +9,7 @@ from typing import assert_never
 import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
-from spec_schema.sections.validation import Metric
+from spec_schema.sections.training import Metric
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +131,8 @@ def score(metric: Metric, errors: Errors, parameters: int = 0) -> Scores:
     rmse = √(mean e²), mae = mean |e|, max_abs = max |e| with e = prediction − target. fvu = Σe² /
     Σ(target − its mean)², r2 = 1 − fvu, fit = 100·(1 − √fvu) in percent (Ljung). aic = n ln(2π var
     e) + Σe²/var e + 2p with the variance about the mean of e, n scored elements and p =
-    `parameters` (Akaike 1974). Means are per element. NaN if nothing is scored or the target is
-    constant.
+    `parameters` (Akaike 1974). Its limit is −∞ without errors, and ∞ for a constant error. Means
+    are per element. NaN if nothing is scored or the target is constant.
     """
     with np.errstate(all="ignore"):
         each = _values(metric, errors, parameters)
@@ -163,6 +163,8 @@ def _values(metric: Metric, errors: Errors, parameters: int) -> FloatArray:
         case "aic":
             variance = errors.error.squares / count
             likely = count * np.log(2 * np.pi * variance) + errors.squares / variance
-            return likely + 2 * parameters
+            # both terms are infinite there
+            limit = np.where(errors.squares > 0, np.inf, -np.inf)
+            return np.where(variance == 0, limit, likely) + 2 * parameters
         case _:
             assert_never(metric)

@@ -5,19 +5,26 @@ from __future__ import annotations
 import socket
 from pathlib import Path
 
-from msnn.errors.targets.boards import silent, unknown_core
+from msnn.errors.targets import silent, unknown_core
 from msnn.verification.exported_c import ExportedC
-from msnn.verification.on_board.answer import Answer, read_answer
-from msnn.verification.on_board.cores import CPUID, FPU_FEATURES, Core, core_of
-from msnn.verification.on_board.debugger import Debugger, RefusedMemoryError
-from msnn.verification.on_board.gdb_servers import gdb_server
+from msnn.verification.on_board.debugger import (
+    Debugger,
+    Packets,
+    RefusedMemoryError,
+    StubFailedError,
+    gdb_server,
+)
 from msnn.verification.on_board.link import Gdb, Link, OpenOcd, PyOcd, Ram, Serial, words
-from msnn.verification.on_board.packets import Packets, StubFailedError
-from msnn.verification.on_board.ram_program import build_ram_program
-from msnn.verification.on_board.run_in_ram import run_in_ram
-from msnn.verification.on_board.serial_line import ask_serial
-from msnn.verification.proof_step import ProofStep, Result
-from msnn.verification.tools import ARM_GCC, OPENOCD, PYOCD, Tool
+from msnn.verification.on_board.ram_program import (
+    CPUID,
+    FPU_FEATURES,
+    Core,
+    build_ram_program,
+    core_of,
+    run_in_ram,
+)
+from msnn.verification.on_board.serial_line import Answer, ask_serial, read_answer
+from msnn.verification.proof_step import ARM_GCC, OPENOCD, PYOCD, ProofStep, Result, Tool
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _LEVEL = "-O2"

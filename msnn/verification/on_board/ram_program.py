@@ -1,4 +1,4 @@
-"""Builds the golden vectors as a program that a debugger loads into the RAM of a board."""
+"""Builds the golden vectors as a program for the RAM of a board, and runs it by a debugger."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from msnn.errors.targets.boards import no_room
-from msnn.verification.builds.harness import TEMPLATES, write_harness, write_template
-from msnn.verification.exported_c import ExportedC
-from msnn.verification.on_board.cores import Core
+from msnn.errors.targets import no_room, refused_memory, silent
+from msnn.verification.exported_c import ExportedC, includes
+from msnn.verification.harness import TEMPLATES, write_harness, write_template
+from msnn.verification.on_board.debugger import Debugger, RefusedMemoryError
 from msnn.verification.on_board.link import Ram
-from msnn.verification.proof_step import ToolFailedError, run_tool
-from msnn.verification.sources import includes
-from msnn.verification.tools import ARM_GCC
+from msnn.verification.proof_step import ARM_GCC, ToolFailedError, run_tool
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _STACK = 4096
@@ -72,3 +70,89 @@ def build_ram_program(
     words = [line.split() for line in listed.splitlines()]
     symbols = {name: int(address, 16) for address, _, name in (w for w in words if len(w) == 3)}
     return RamProgram((folder / "ram.bin").read_bytes(), symbols)
+
+
+_SECONDS = 60.0
+"""Maximum time between two output buffers; a replay takes at most a second on slow cores."""
+_THUMB = 0x01000000
+"""The Thumb bit of xPSR, which a Cortex-M requires."""
+
+
+def run_in_ram(board: Debugger, program: RamProgram, link: str, begin: int) -> str:
+    """Runs a program; SpecError if its memory cannot be written (E1322) or the core hangs
+    (E1321).
+    """
+    places = program.symbols
+    stops = [places[name] for name in ("hand_over", "finished", "trap")]
+    text: list[bytes] = []
+    try:
+        board.load(begin, program.data)
+        board.break_at(stops)
+        board.set_register("sp", places["stack_top"])
+        # a core halted in a fault handler would go on as one: the exception number is 0 now as well
+        board.set_register("xpsr", _THUMB)
+        board.set_register("pc", places["start"] & ~1)
+        while (at := board.run(_SECONDS)) == places["hand_over"] & ~1:
+            letters = board.read_word(places["handed_letters"])
+            text.append(board.read(places["handed_text"], letters))
+            # returns from the function that stands at the breakpoint: none of its code is needed
+            board.set_register("pc", board.register("lr") & ~1)
+        # not after a failure: a core that ended somewhere else is reset by its owner
+        board.go_by(stops)
+    except RefusedMemoryError as error:
+        raise SpecError([refused_memory(link, error.address)]) from None
+    except TimeoutError:
+        raise SpecError([silent(link, f"the core ran {_SECONDS:g} s without a word")]) from None
+    if at != places["finished"] & ~1:
+        raise SpecError([silent(link, f"the core trapped: it stands at 0x{at:08x}")])
+    return b"".join(text).decode("ascii", "replace")
+
+
+CPUID, FPU_FEATURES = 0xE000ED00, 0xE000EF40
+"""Register addresses: core identity (CPUID), floating-point features (MVFR0)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Core:
+    """A core and the options of gcc for it."""
+
+    name: str
+    flags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Family:
+    name: str
+    cpu: str
+    single: str | None = None
+    """The single-precision FPU option."""
+    double: str | None = None
+    """The double-precision FPU option."""
+
+
+_FAMILIES = {
+    0xC20: _Family("Cortex-M0", "cortex-m0"),
+    0xC60: _Family("Cortex-M0+", "cortex-m0plus"),
+    0xC23: _Family("Cortex-M3", "cortex-m3"),
+    0xC24: _Family("Cortex-M4", "cortex-m4", "fpv4-sp-d16"),
+    0xC27: _Family("Cortex-M7", "cortex-m7", "fpv5-sp-d16", "fpv5-d16"),
+    0xD20: _Family("Cortex-M23", "cortex-m23"),
+    0xD21: _Family("Cortex-M33", "cortex-m33", "fpv5-sp-d16"),
+}
+"""Cores by the part number in CPUID, from their technical reference manuals."""
+
+
+def core_of(identity: int, fpu: int) -> Core | None:
+    """The core with this CPUID and MVFR0 (`fpu`); None if it is unknown."""
+    # PARTNO of CPUID; variant and revision around it do not matter to a compiler
+    family = _FAMILIES.get((identity >> 4) & 0xFFF)
+    if family is None:
+        return None
+    # MVFR0: fields of single and of double precision, 0 for none
+    single, double = bool((fpu >> 4) & 0xF), bool((fpu >> 8) & 0xF)
+    unit = (family.double if double else None) or (family.single if single else None)
+    own = ("-mfloat-abi=soft",) if unit is None else ("-mfloat-abi=hard", f"-mfpu={unit}")
+    return Core(
+        family.name if unit is None else f"{family.name} with FPU",
+        (f"-mcpu={family.cpu}", "-mthumb", *own),
+    )

@@ -4,7 +4,7 @@ Frama-C's Eva analyses one step from any state within the ranges of the spec and
 position, with any input. Inputs are within their ranges if the policy only flags violations; with
 `clamp` or `hold` they may have any value, including infinity. A float that may become infinite or
 NaN, an overflowing conversion and an index out of bounds are alarms. The project's math functions
-are replaced by bounds (`kernel_bounds`).
+are replaced by bounds (`assumptions`).
 
 The proof of one step holds for all steps if the resulting state is within the assumed states; the
 report states this for each state. See decision 0185.
@@ -15,22 +15,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import ExportedC
-from msnn.verification.proof.drawn_values import (
+from msnn.verification.harness import write_harness
+from msnn.verification.proof.assumptions import (
     ASSUMED,
     REPLACED,
     assumed_range,
     drawn,
+    kernel_bounds,
     outside_ranges,
     shown,
 )
-from msnn.verification.proof.eva import PRECISION, Alarm, Analysis, PossibleValues, analysed
-from msnn.verification.proof.kernel_bounds import kernel_bounds
-from msnn.verification.proof.root_alarms import roots_first
+from msnn.verification.proof.eva import (
+    PRECISION,
+    Alarm,
+    Analysis,
+    PossibleValues,
+    analysed,
+    roots_first,
+)
 from msnn.verification.proof.trace import place_of, traced
-from msnn.verification.proof_step import ProofStep, Result
-from msnn.verification.tools import FRAMA_C
+from msnn.verification.proof_step import FRAMA_C, ProofStep, Result
 
 
 def proof_checks(model: ExportedC) -> Iterator[ProofStep]:

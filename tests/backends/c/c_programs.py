@@ -15,7 +15,7 @@ from backends.c.folder.file_texts import library_texts
 from backends.c.host.build import build_library
 from backends.c.host.library import CStep
 from backends.c.interface.interface import c_interface
-from backends.c.selftest.vectors.golden_vectors import GoldenRun, GoldenVectors, golden_runs
+from backends.c.selftest.golden_vectors import GoldenRun, GoldenVectors, golden_runs
 from backends.files.atomic_write import write_text
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c_lowering.active_sums import find_active_sums
-from backends.c_lowering.even_points import even_points
+from backends.c_lowering.fuzzy_sets import even_points, find_active_sums
 from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.ir.program import Program
 from compiler.passes.analyses.compact_sets import active_sums, compact_sets, supports

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions, write_c
-from backends.c_language.comments import comment_text, string_literal
-from backends.c_language.layout import WIDTH
+from backends.c_language.rendering import WIDTH, comment_text, string_literal
 from compiler.passes.to_step_form import to_step_form
 from tests.backends.c.c_programs import (
     assert_same_bits,

@@ -12,7 +12,7 @@ import pytest
 from backends.c import COptions
 from backends.c.host import build
 from backends.c.host.build import CompilerFailedError, build_library
-from backends.files.run_compiler import Finished, run_compiler
+from backends.files.c_compiler import Finished, run_compiler
 from tests.backends.c.c_programs import built, closed_sample
 from tests.full_disk import full_after
 

@@ -11,10 +11,9 @@ import pytest
 
 from backends.c import COptions, write_c
 from backends.c.interface.status import StatusBit
-from backends.c.selftest.vectors.golden_vectors import GoldenVectors
+from backends.c.selftest.golden_vectors import GoldenVectors
 from compiler.ir.program import Declared
-from compiler.jacobian.interpret import JacobianInterpreter
-from compiler.jacobian.jacobian import jacobian
+from compiler.jacobian.jacobian import JacobianInterpreter, jacobian
 from compiler.passes.to_step_form import to_step_form
 from tests.backends.c.c_programs import (
     assert_same_bits,

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from backends.c import write_c
-from backends.c.folder.package_texts import NUMBER
+from backends.c.folder.file_texts import NUMBER
 from spec_schema.version import __version__
 from tests.backends.c.c_programs import closed_sample
 from tests.conditions import require_tool

@@ -9,7 +9,7 @@ import pytest
 
 from backends.c import COptions
 from backends.c.interface.interface import c_interface
-from backends.c_lowering.shift_while_summing import shifting_sums
+from backends.c_lowering.sums import shifting_sums
 from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay

@@ -10,15 +10,20 @@ import pytest
 
 from backends.c import COptions, write_c
 from backends.c.interface.interface import Interface, c_interface
-from backends.c.selftest.golden_singles import GoldenSingles, golden_singles
+from backends.c.selftest.drawn_inputs import StartPoint
+from backends.c.selftest.golden_vectors import GoldenRun, golden_runs
+from backends.c.selftest.selftest_text import expected_text
+from backends.c.selftest.singles.boundaries import (
+    between,
+    codes_of,
+    descended,
+    distance,
+    numbers_of,
+)
 from backends.c.selftest.singles.decisions import Decisions
-from backends.c.selftest.singles.descent import descended
 from backends.c.selftest.singles.drawn_trials import drawn_trials
-from backends.c.selftest.singles.ordered_codes import between, codes_of, distance, numbers_of
+from backends.c.selftest.singles.golden_singles import GoldenSingles, golden_singles
 from backends.c.selftest.singles.trial_steps import TrialSteps
-from backends.c.selftest.text.expected_text import expected_text
-from backends.c.selftest.vectors.drawn_inputs import StartPoint
-from backends.c.selftest.vectors.golden_vectors import GoldenRun, golden_runs
 from backends.c_lowering.options import ParameterAccess
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program

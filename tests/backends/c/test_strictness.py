@@ -12,8 +12,8 @@ import pytest
 from backends.c import COptions, write_c
 from backends.c_lowering.options import Extra
 from compiler.ir.program import Program
-from msnn.verification.host.host_checks import MISRA
-from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
+from msnn.verification.host_builds import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
+from msnn.verification.host_checks import MISRA
 from tests.backends.c.c_programs import closed_sample
 from tests.backends.c.distinct_sources import distinct
 from tests.backends.c.small_programs import (

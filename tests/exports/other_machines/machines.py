@@ -10,8 +10,14 @@ from pathlib import Path
 
 from backends.c.host.build import compiled
 from backends.files.c_compiler import find_compiler
-from backends.fmu.binary import HEADERS, PLATFORMS, Platform, this_platform
-from backends.fmu.zig import zig_compiler, zig_libraries
+from backends.fmu.binary import (
+    HEADERS,
+    PLATFORMS,
+    Platform,
+    this_platform,
+    zig_compiler,
+    zig_libraries,
+)
 from tests.conditions import require_package, require_tool
 
 HOST = Path(__file__).with_name("unit_host.c")

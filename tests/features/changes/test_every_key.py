@@ -15,7 +15,7 @@ from msnn.reports import compare_specs as compared
 from msnn.reports.compare_specs import compare_specs
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
-from spec_schema.reading.one_file import read_one_spec
+from spec_schema.reading.reader import read_one_spec
 from spec_schema.reading.settings import workflow
 from spec_schema.sections.spec import Spec
 

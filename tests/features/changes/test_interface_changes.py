@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from msnn.features.changes.export_changes import export_changes
-from msnn.features.changes.interface_changes import interface_changes
-from msnn.features.changes.metric_changes import error_growth
+from msnn.features.changes.interface_changes import export_changes, interface_changes
+from msnn.features.changes.model_changes import error_growth
 from msnn.model.load import load_model
 
 SPEC = """

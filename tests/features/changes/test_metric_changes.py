@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from msnn.features.changes.metric_changes import metric_changes
+from msnn.features.changes.model_changes import metric_changes
 from msnn.validation.validate import MetricRow, ValidationReport
 from spec_schema.units.parser import parse_unit
 

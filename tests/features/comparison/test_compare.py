@@ -17,9 +17,8 @@ import numpy as np
 import pytest
 
 import msnn as api
-from msnn.features.comparison.cost import missing_tools
-from msnn.features.comparison.trial import Trial, TrialOutcome
-from msnn.features.comparison.workers.local_workers import outcomes
+from msnn.features.comparison.local_workers import outcomes
+from msnn.features.comparison.trial import Trial, TrialOutcome, missing_tools
 from msnn.project.new_project import new_project
 from msnn.training.records.run_log import LOG, read
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -337,7 +336,7 @@ import os, signal
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
-import msnn.features.comparison.workers.local_workers as workers
+import msnn.features.comparison.local_workers as workers
 from msnn.cli.main import main
 own = workers.run_trial
 def fragile(trial, setup, known, readings):

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msnn.features.comparison.draws import Draws, draw_axes
+from msnn.features.comparison.variants import Draws, draw_axes
 
 
 def drawn(count: int, seed: int = 0, **laws: str) -> list[tuple[float, ...]]:

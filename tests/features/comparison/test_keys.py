@@ -11,8 +11,8 @@ import pytest
 import msnn
 from msnn.data.dataset import Dataset
 from msnn.model.model_data import measured
-from msnn.training import run_line
-from msnn.training.run_line import begun
+from msnn.training import training_result
+from msnn.training.training_result import begun
 
 SPEC = """
 msnn: 1
@@ -74,5 +74,5 @@ def test_another_version_trains_anew(
     model: msnn.Model, data: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = begun(model, data).key
-    monkeypatch.setattr(run_line, "__version__", "another")
+    monkeypatch.setattr(training_result, "__version__", "another")
     assert begun(model, data).key != before

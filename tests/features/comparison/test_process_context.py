@@ -14,7 +14,7 @@ LIKE_PYTHONS_OWN = "raise ImportError('a file of the working folder')\n"
 PROGRAM = """
 import os
 from msnn.features.comparison.trial import Setup
-from msnn.features.comparison.workers.local_workers import _Workers
+from msnn.features.comparison.local_workers import _Workers
 
 def seen():
     import sys

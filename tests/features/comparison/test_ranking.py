@@ -106,6 +106,17 @@ def test_information_criteria_are_those_of_gaussian_errors():
     assert bic == pytest.approx((likely + 4 * math.log(100)) / 100)
 
 
+def test_errors_that_are_all_0_are_the_best_there_is():
+    perfect, mixed = [line(-math.inf, 9)] * 2, [line(-math.inf, 1), line(2, 1)]
+    found = ranked(models([line(1, 1)] * 2, perfect), ERROR)
+    assert labels(found) == ["1", "0"]
+    assert (found[0].score, found[0].deviation) == (-math.inf, 0.0)
+    assert cheapest_as_good(found, ERROR) is None
+    (only,) = ranked(models(mixed), ERROR)
+    assert math.isnan(only.deviation)
+    assert cheapest_as_good([only], ERROR) is None
+
+
 def test_a_model_costs_what_its_dearest_training_learns():
     """Folds in which a penalty leaves numbers out do not make it cheaper."""
     of_folds = ((1.0, 40), (1.1, 90), (0.9, 60))

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import msnn as api
-from msnn.features.comparison.workers.ray_tasks import Task
+from msnn.features.comparison.ray_tasks import Task
 from msnn.packages import OptionalPackage
 from msnn.project.new_project import new_project
 from msnn.training.records.run_log import LOG, read
@@ -41,7 +41,7 @@ def cluster(
 
     # each training takes a tenth of a second
     clock = SimpleNamespace(monotonic=count(0, 0.1).__next__)
-    monkeypatch.setattr("msnn.features.comparison.workers.ray_tasks.time", clock)
+    monkeypatch.setattr("msnn.features.comparison.ray_tasks.time", clock)
 
     def opened(raised: Callable[[Task], Exception | None]) -> PretendedRay:
         found = PretendedRay(raised)
@@ -126,7 +126,7 @@ def test_tasks_begin_again_where_a_node_is_killed_and_not_after_a_mistake(cluste
 
 
 def test_a_node_with_another_version_is_told(cluster: Cluster, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("msnn.features.comparison.workers.ray_tasks.__version__", "0.0.1")
+    monkeypatch.setattr("msnn.features.comparison.ray_tasks.__version__", "0.0.1")
     cluster(lambda _: None)
     found = api.sweep(SPEC, **ASKED, ray="auto")
     failed = [line for entry in found.entries for line in entry.failed]

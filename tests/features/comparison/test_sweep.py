@@ -10,10 +10,10 @@ import pytest
 
 import msnn as api
 from backends.files import atomic_write
-from msnn.features.comparison.draws import Draws, draw_axes
+from msnn.features.comparison.variants import Draws, draw_axes
 from msnn.project.new_project import new_project
+from msnn.training.records.resumable_run import Safekeeping
 from msnn.training.records.run_log import LOG, read
-from msnn.training.records.safekeeping import Safekeeping
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC

@@ -8,8 +8,7 @@ import pytest
 
 from msnn.features.comparison.variants import GridAxis, grid_axis, variants
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.reading.python_values import setting_texts, value_text
-from spec_schema.reading.setting_values import one_form, shown_value
+from spec_schema.reading.setting_values import one_form, setting_texts, shown_value, value_text
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from msnn.features.comparison.local_workers import Waiting
 from msnn.features.comparison.trial import Trial
 from msnn.features.comparison.variants import Variant
-from msnn.features.comparison.workers.waiting import Waiting
 
 ONE, OTHER, THIRD = (Variant(Path("a.yaml"), (f"a={value}",), f"a={value}") for value in "123")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import msnn
-from msnn.features.control.kalman.kalman_filter import KalmanFilter
+from msnn.features.control.kalman_filter import KalmanFilter
 from msnn.features.control.run.controller import Controller
 from msnn.features.control.run.method import Solver
 from msnn.model.model import Model
-from msnn.model.weights.given_weights import Weights
+from msnn.model.weights.weights_file import Weights
 
 DOUBLE_INTEGRATOR = """
 msnn: 1

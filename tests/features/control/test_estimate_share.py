@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from msnn.features.control.export.estimate_share import EstimateShare
+from msnn.features.control.export.judged_estimator import EstimateShare
 
 
 def _agrees(*found: float) -> bool:

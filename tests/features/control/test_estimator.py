@@ -9,9 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 import msnn
-from msnn.features.control.kalman.estimate import FilterStatus
-from msnn.features.control.kalman.kalman_filter import KalmanFilter
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.kalman_filter import FilterStatus, KalmanFilter
+from msnn.features.control.problem.state_estimation import EstimationProblem
 from tests.features.control.specs import DELAYED, kalman_filter, load
 
 Array = NDArray[np.float64]

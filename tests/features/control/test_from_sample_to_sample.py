@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msnn.features.control.problem.optimal_control.horizon import Given
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.horizon import Given
+from msnn.features.control.problem.optimal_control import ControlProblem
 from msnn.features.control.run.control_range import ControlRange
 from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
-from msnn.features.control.run.method import Solver
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.method import Solver, Status
 from tests.conditions import require_tool
 from tests.features.control.specs import DOUBLE_INTEGRATOR, controller, load, mpc
 

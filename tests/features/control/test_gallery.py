@@ -10,9 +10,9 @@ import pytest
 
 import msnn
 from compiler.ir.ops import Constant
-from compiler.passes.derivatives.smooth_kinks import smooth_kinks
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.trained import trained
+from compiler.passes.smooth_kinks import smooth_kinks
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.trained import trained
 from msnn.features.control.run.compiled_method import CompiledMethod
 from msnn.features.control.run.controller import Controller
 from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions

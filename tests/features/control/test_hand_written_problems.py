@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.features.control.run.method import Solver
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.method import Solver, Status
 from tests.conditions import require_tool
 from tests.features.control.specs import controller, load
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import FloatArray
-from msnn.features.control.problem.optimal_control.horizon import Given, Multipliers, Plan
-from msnn.features.control.problem.optimal_control.kkt import Judge, Residuals
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.horizon import Given, Multipliers, Plan
+from msnn.features.control.problem.kkt import Judge, Residuals
+from msnn.features.control.problem.optimal_control import ControlProblem
 from tests.features.control.specs import load
 
 TEXT = """

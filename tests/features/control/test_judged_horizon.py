@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from msnn.agreement.faults import FarStep, SelfTestFails
+from msnn.agreement.agreement import FarStep, SelfTestFails
 from msnn.exports.export import plan_exports, write_export
 from msnn.exports.running.built_c import built_folder
-from msnn.features.control.export.judged_horizon import compare_horizon
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.export.judged_estimator import compare_horizon
+from msnn.features.control.problem.state_estimation import EstimationProblem
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings

@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from backends.c.host.build import build_library
-from msnn.agreement.faults import SelfTestFails
+from msnn.agreement.agreement import SelfTestFails
 from msnn.features.control.backend import write_controller
 from msnn.features.control.export.judged_controller import compare_controller
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.trained import trained
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.trained import trained
 from tests.conditions import require_tool
 from tests.features.control.specs import load
 

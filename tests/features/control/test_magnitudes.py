@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from msnn.features.control.backend.inputs import input_fields
-from msnn.features.control.backend.solution import multipliers_of, plan_of
+from msnn.features.control.backend.library import multipliers_of, plan_of
 from msnn.features.control.backend.structure.rows import rows_of
 from msnn.features.control.backend.write_controller import write_controller
-from msnn.features.control.problem.optimal_control.horizon import Given
-from msnn.features.control.problem.optimal_control.kkt import Judge
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.structure import Chosen
-from msnn.features.control.problem.optimal_control.trained import trained
-from msnn.features.control.run.solution import Status
+from msnn.features.control.problem.horizon import Given
+from msnn.features.control.problem.kkt import Judge
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.structure import Chosen
+from msnn.features.control.problem.trained import trained
+from msnn.features.control.run.method import Status
 from tests.conditions import require_tool
 from tests.features.control.backend.built_controller import built_controller
 from tests.features.control.specs import (

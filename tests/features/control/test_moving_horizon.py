@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.features.control.kalman.estimate import FilterStatus
-from msnn.features.control.problem.moving_horizon.spread import spread_of
-from msnn.features.control.problem.optimal_control.horizon import Array, Given
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.kalman_filter import FilterStatus
+from msnn.features.control.problem.horizon import Array, Given
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.state_estimation import EstimationProblem
 from msnn.features.control.run.control_range import ControlRange
-from msnn.features.control.run.estimation.moving_horizon import MovingHorizon
 from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
-from msnn.features.control.run.method import Found, Solver
+from msnn.features.control.run.method import Found, Solver, Status
+from msnn.features.control.run.moving_horizon import MovingHorizon, spread_of
 from msnn.features.control.run.open_controller import open_estimator
 from msnn.features.control.run.reference_method import ReferenceMethod
-from msnn.features.control.run.solution import Status
 from tests.features.control.backend.test_filters import VECTORS
 from tests.features.control.specs import DELAYED, load
 from tests.features.control.test_estimator import LINEAR, PENDULUM

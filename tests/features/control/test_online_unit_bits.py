@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judgement import drawn_record
 from msnn.exports.check import check_export
 from msnn.model.weights.weights_file import initial_weights
 from tests.conditions import require_package, require_tool

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from backends.fmu.binary import HEADERS
-from msnn.agreement.judging.record import drawn_record
+from msnn.agreement.judgement import drawn_record
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
-from msnn.exports.running.fmu_instance import FmuInstance, fmu_instance
+from msnn.exports.running.loaded_fmu import FmuInstance, fmu_instance
 from msnn.exports.target import AnyPlan, Written
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from msnn.features.control.problem.optimal_control.kkt import Judge
+from msnn.features.control.problem.kkt import Judge
 from tests.features.control.specs import DOUBLE_INTEGRATOR, controller, mpc
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ import pytest
 import msnn
 from compiler.ir.program import History, Tape
 from compiler.linking.renaming import Renaming
-from msnn.features.control.keys.mpc import OptimalControl
-from msnn.features.control.problem.optimal_control.horizon import stages_of
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.trained import trained
+from msnn.features.control.keys import OptimalControl
+from msnn.features.control.problem.horizon import stages_of
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.trained import trained
 from msnn.model.program_file import write_program_file
 from tests.features.control.specs import DOUBLE_INTEGRATOR, load, mpc
 

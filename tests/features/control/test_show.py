@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.show.control import control_text
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.show import control_text
 from msnn.model.load import load_model
 from msnn.reports.show import interface_text
 from tests.features.control.specs import DOUBLE_INTEGRATOR, load, mpc

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.method import Status
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.features.control.specs import DOUBLE_INTEGRATOR, controller, load, mpc

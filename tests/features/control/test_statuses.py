@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msnn.features.control.run.method import Solver
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.method import Solver, Status
 from tests.features.control.specs import DELAYED, DOUBLE_INTEGRATOR, controller, load, mpc
 
 BOUNDS = "{u: {min: -2, max: 2, rate: 5}}"

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.structure import chosen_structure, estimate
-from msnn.features.control.problem.optimal_control.window_form import Sample, window_form
-from msnn.features.control.run.interior_point.condensed_step import condensed_step
-from msnn.features.control.run.interior_point.riccati import HeldControls, newton_step
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.structure import Sample, chosen_structure, estimate, window_form
+from msnn.features.control.run.interior_point.newton_step import (
+    HeldControls,
+    condensed_step,
+    newton_step,
+)
 from tests.features.control.specs import DELAYED, DOUBLE_INTEGRATOR, controller, load, mpc
 
 FILTER = """

@@ -12,13 +12,12 @@ import msnn
 from benchmarks.mpc.other_units import compare_plant
 from benchmarks.mpc.run import network_weights
 from msnn.features.control.backend.write_controller import write_controller
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.structure import Chosen
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.structure import Chosen
 from msnn.features.control.run.controller import Controller
-from msnn.features.control.run.estimation.moving_horizon import MovingHorizon
-from msnn.features.control.run.method import Solver
+from msnn.features.control.run.method import Solver, Status
+from msnn.features.control.run.moving_horizon import MovingHorizon
 from msnn.features.control.run.open_controller import open_estimator
-from msnn.features.control.run.solution import Status
 from tests.conditions import require_tool
 from tests.features.control.backend.built_controller import built_controller
 from tests.features.control.specs import controller, load

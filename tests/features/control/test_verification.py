@@ -12,8 +12,7 @@ import pytest
 from msnn.cli.application import run
 from msnn.features.control.verification.exported_controller import read_exported_controller
 from msnn.features.control.verification.host import online_host_checks
-from msnn.verification.host import levels
-from msnn.verification.tools import ARM_GCC, ARM_QEMU, CLANG, GCC, LIBFUZZER, Tool
+from msnn.verification.proof_step import ARM_GCC, ARM_QEMU, CLANG, GCC, LIBFUZZER, Tool
 from tests.conditions import miss
 
 PLANT = """
@@ -63,7 +62,7 @@ def test_nothing_is_found_in_a_controller_and_its_filter(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require(GCC, CLANG, LIBFUZZER, ARM_GCC, ARM_QEMU)
-    monkeypatch.setattr(levels, "LEVELS", ("-O0", "-O2"))
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", ("-O0", "-O2"))
     folder = exported(tmp_path)
     code, said = verified(capsys, folder, "--targets", "host,m4,m0", "--fuzz", "1", "--proof")
     assert code == 0, said
@@ -262,7 +261,7 @@ def one_level(monkeypatch: pytest.MonkeyPatch) -> None:
     """All five have their turn in `test_verify.py`; bits of other levels are looked at where
     controllers and windows are compiled.
     """
-    monkeypatch.setattr(levels, "LEVELS", ("-O0",))
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", ("-O0",))
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -283,7 +282,7 @@ def test_a_fault_ends_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require(GCC, CLANG)
-    monkeypatch.setattr(levels, "LEVELS", ("-O1",))
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", ("-O1",))
     folder, finding = spoiled(tmp_path, "another rounding")
     code, said = verified(capsys, folder)
     assert code == 1

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from msnn.data.dataset import FloatArray
+from msnn.features.data_check.dynamics.arx import feedback
 from msnn.features.data_check.dynamics.check import TargetCheck, check_inputs, check_target
 from msnn.features.data_check.dynamics.excitation import Excitation, excitation
-from msnn.features.data_check.dynamics.feedback import feedback
 from msnn.features.data_check.dynamics.impulse_response import FALSE_ALARMS, power_series, responses
 from msnn.features.data_check.dynamics.pieces import pieces_of
 from tests.features.data_check.systems import first_order, follows, held, multisine, noisy

@@ -9,12 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from msnn.data.dataset import FileRows, FloatArray
-from msnn.features.data_check.signals.check import check_series
-from msnn.features.data_check.signals.plausible_units import doubt
-from msnn.features.data_check.signals.quantisation import quantisation
-from msnn.features.data_check.signals.sampling import StepsOfTime, sampling_of
-from msnn.features.data_check.signals.saturation import saturation
-from msnn.features.data_check.signals.spikes import spikes
+from msnn.features.data_check.sampling import StepsOfTime, sampling_of
+from msnn.features.data_check.signals import check_series, doubt, quantisation, saturation, spikes
 from spec_schema.units.parser import parse_unit
 from tests.features.data_check.systems import first_order, follows, held
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from compiler.ir.ops import Relation
 from compiler.ir.program import Program
-from msnn.features.fixed_point.deviation.deviation import HELD
-from msnn.features.fixed_point.deviation.exact_steps import ExactStepper
+from msnn.features.fixed_point.deviation import HELD, ExactStepper
 from msnn.features.fixed_point.golden.golden import drawn
 from msnn.features.fixed_point.integers.interpret import initial, reset
 from msnn.features.fixed_point.integers.program import (

@@ -8,7 +8,7 @@ import pytest
 from compiler.interpreter.interpreter import physical_weights
 from msnn.exports.export import write_export
 from msnn.verification.exported_c import read_exported_c
-from msnn.verification.host.fuzz import fuzz_check
+from msnn.verification.fuzz import fuzz_check
 from msnn.verification.proof.proof import proof_checks
 from tests.agreement.exported import checked
 from tests.conditions import require_tool

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from compiler.ir.ops import Relation
-from msnn.agreement.faults import BeyondProof
+from msnn.agreement.agreement import BeyondProof
 from msnn.exports.export import write_export
 from msnn.features.fixed_point.compile.compile_integers import integer_program
-from msnn.features.fixed_point.compile.lowering.elementwise import ElementwiseForms
-from msnn.features.fixed_point.compile.lowering.forms import PolynomialForm
-from msnn.features.fixed_point.compile.lowering.thresholds import Decided, IntegerCondition
+from msnn.features.fixed_point.compile.elementwise import ElementwiseForms
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
+from msnn.features.fixed_point.compile.thresholds import Decided, IntegerCondition
 from msnn.features.fixed_point.golden.equalities import golden_equalities
 from msnn.features.fixed_point.integers.program import Q15, Q31
 from tests.agreement.exported import checked

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from msnn.features.fixed_point.compile.compile_integers import integer_program
-from msnn.features.fixed_point.compile.lowering.tables import fitted_table
-from msnn.features.fixed_point.deviation.exact_steps import ExactStepper
+from msnn.features.fixed_point.compile.tables import fitted_table
+from msnn.features.fixed_point.deviation import ExactStepper
 from msnn.features.fixed_point.integers.builder import CannotFitError, IntegerBuilder
 from msnn.features.fixed_point.integers.interpret import initial, step
 from msnn.features.fixed_point.integers.program import (

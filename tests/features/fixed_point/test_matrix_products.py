@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from msnn.exports.export import write_export
-from msnn.features.fixed_point.backend.loops import matrix_products
+from msnn.features.fixed_point.backend.integer_nodes import matrix_products
 from msnn.features.fixed_point.compile.compile_integers import integer_program
 from msnn.features.fixed_point.integers.program import Q15, IntegerNode, ReadWord, WeightedSum
-from msnn.verification.tools import ARM_GCC
+from msnn.verification.proof_step import ARM_GCC
 from tests.conditions import miss, require_tool
 from tests.features.fixed_point.exported import (
     fixed_model,

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from compiler.ir.scalars.table import SCALAR_FUNCTIONS
-from msnn.features.fixed_point.compile.lowering.intervals import bounds_near
-from msnn.features.fixed_point.compile.lowering.steepness import steepest
+from compiler.ir.scalars import SCALAR_FUNCTIONS
+from msnn.features.fixed_point.compile.tables import steepest
+from msnn.features.fixed_point.compile.thresholds import bounds_near
 from msnn.features.fixed_point.integers.interpret import evaluated
 from msnn.features.fixed_point.integers.program import (
     IntegerLookup,

@@ -11,8 +11,7 @@ from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 from msnn.cli.application import run
 from msnn.exports.export import write_export
-from msnn.verification.host import levels
-from msnn.verification.tools import ARM_GCC, ARM_QEMU, CPPCHECK
+from msnn.verification.proof_step import ARM_GCC, ARM_QEMU, CPPCHECK
 from tests.conditions import miss
 from tests.features.fixed_point.exported import fixed_model, gallery_text, planned
 
@@ -59,7 +58,7 @@ def test_misra(
     plan = planned(fixed_model(tmp_path, gallery_text(name), dtype))
     write_export(plan, {}, tmp_path / "c")
     # builds and golden steps of the others are in test_bits, of which these levels are not part
-    monkeypatch.setattr(levels, "LEVELS", ("-O3", "-Os"))
+    monkeypatch.setattr("msnn.verification.host_builds.LEVELS", ("-O3", "-Os"))
     targets = "host" if name == "quarter_car" else ""
     assert run(["verify", str(tmp_path / "c"), "--targets", targets, "--misra"]) == 0
     assert " 0 findings by the MISRA addon" in capsys.readouterr().out

@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 from compiler.ir.ops import Relation
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import BeyondProof, beyond_proof
-from msnn.agreement.judging.judgement import Proof
+from msnn.agreement.agreement import Agreement, BeyondProof, beyond_proof
+from msnn.agreement.judgement import Proof
 from msnn.agreement.report import AgreementReport, agreement_diagnostics
 from msnn.features.fixed_point.compile import compile_integers
-from msnn.features.fixed_point.compile.lowering.elementwise import ElementwiseForms
-from msnn.features.fixed_point.compile.lowering.forms import PolynomialForm
-from msnn.features.fixed_point.compile.lowering.thresholds import Decided, IntegerCondition
+from msnn.features.fixed_point.compile.elementwise import ElementwiseForms
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
+from msnn.features.fixed_point.compile.thresholds import Decided, IntegerCondition
 from msnn.features.fixed_point.integers.builder import IntegerBuilder
 from tests.agreement.exported import checked
 from tests.conditions import require_tool

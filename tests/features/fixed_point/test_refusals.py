@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.features.fixed_point.compile.lowering.tables import fitted_table
+from msnn.features.fixed_point.compile.tables import fitted_table
 from msnn.features.fixed_point.integers.builder import CannotFitError
 from msnn.features.fixed_point.integers.program import Q31
 from tests.features.fixed_point.exported import fixed_model, gallery_text, planned

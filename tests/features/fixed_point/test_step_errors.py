@@ -11,9 +11,9 @@ import pytest
 
 from compiler.ir.program import Program
 from msnn.features.fixed_point.compile.compile_integers import integer_program
-from msnn.features.fixed_point.compile.lowering.settle import Settler
-from msnn.features.fixed_point.compile.lowering.steepness import furthest
-from msnn.features.fixed_point.deviation.exact_steps import LOST
+from msnn.features.fixed_point.compile.settle import Settler
+from msnn.features.fixed_point.compile.tables import furthest
+from msnn.features.fixed_point.deviation import LOST
 from msnn.features.fixed_point.integers.builder import IntegerBuilder
 from msnn.features.fixed_point.integers.program import Q15, Q31, IntegerProgram, Width
 from tests.features.fixed_point.exported import fixed_model, gallery_text, initial_weights, planned
@@ -90,7 +90,7 @@ def _exact_coefficients(patch: pytest.MonkeyPatch) -> None:
 
 
 def _exact_tables(patch: pytest.MonkeyPatch) -> None:
-    from msnn.features.fixed_point.compile.lowering import elementwise
+    from msnn.features.fixed_point.compile import elementwise
 
     plain = elementwise.fitted_table
 
@@ -106,7 +106,7 @@ def _sure_decisions(patch: pytest.MonkeyPatch) -> None:
 
 
 def _flat_functions(patch: pytest.MonkeyPatch) -> None:
-    from msnn.features.fixed_point.compile.lowering import elementwise
+    from msnn.features.fixed_point.compile import elementwise
 
     patch.setattr(elementwise, "furthest", lambda *_: 0.0)
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from msnn.features.language_server.examine import examine
-from msnn.features.language_server.knowledge import Knowledge
+from msnn.features.language_server.knowledge import Knowledge, examine
 from msnn.features.language_server.positions import Position
 from msnn.features.language_server.view import View
 from spec_schema.diagnostics.source import SourceText

@@ -8,8 +8,8 @@ import pytest
 
 from msnn.features.language_server.completion import MOST, complete
 from msnn.features.language_server.definition import definition
-from msnn.features.language_server.examine import examine
 from msnn.features.language_server.hover import hover
+from msnn.features.language_server.knowledge import examine
 from msnn.features.language_server.positions import Position
 from msnn.features.language_server.view import View
 from spec_schema.diagnostics.source import SourceText

@@ -11,9 +11,8 @@ import pytest
 from msnn.features.language_server.completion import complete
 from msnn.features.language_server.cursor import ITEM
 from msnn.features.language_server.definition import definition
-from msnn.features.language_server.examine import examine
 from msnn.features.language_server.hover import hover
-from msnn.features.language_server.knowledge import Knowledge
+from msnn.features.language_server.knowledge import Knowledge, examine
 from msnn.features.language_server.positions import offset_of, position_of
 from msnn.features.language_server.schema_place import place_of
 from msnn.features.language_server.view import View

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from threading import Event
 
 from msnn.features.language_server.checks import Checks, OpenText
-from msnn.features.language_server.examine import Examined, examine
+from msnn.features.language_server.knowledge import Examined, examine
 from tests.features.language_server.marked import PLANT
 
 _WRONG = PLANT.replace("gain * sum", "gian * sum")

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from msnn.cli.application import run
-from msnn.features.language_server.examine import examine
+from msnn.features.language_server.knowledge import examine
 from msnn.features.language_server.positions import START, Position, TextRange
 from msnn.features.language_server.problems import Problem, problems_of
 from spec_schema.diagnostics.diagnostic import Diagnostic

@@ -9,7 +9,7 @@ import pytest
 
 from msnn.cli.application import run
 from msnn.cli.exit_codes import ExitCode
-from msnn.features.language_server.examine import examine
+from msnn.features.language_server.knowledge import examine
 from msnn.features.language_server.problems import problems_of
 from msnn.packages import PYGLS
 from tests.conditions import require_package

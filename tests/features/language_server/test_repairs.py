@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.features.language_server.examine import Examined, examine
+from msnn.features.language_server.knowledge import Examined, examine
 from msnn.features.language_server.positions import START, Position, TextRange
 from msnn.features.language_server.problems import Repair, problems_of, repairs_of
 from spec_schema.diagnostics.source import SourceText

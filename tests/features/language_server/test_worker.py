@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.features.language_server.worker import CheckEndedError, CheckProcess
+from msnn.features.language_server.checks import CheckEndedError, CheckProcess
 from tests.features.language_server.marked import PLANT
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 import msnn
 from compiler.ir.types import WINDOW
-from msnn.api.imports import import_nnodely
-from msnn.features.nnodely.written import WrittenImport
+from msnn.api.models import import_nnodely
+from msnn.features.nnodely.import_model import WrittenImport
 
 RECORDS = Path(__file__).parent / "records"
 

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msnn.api.imports import import_nnodely
-from msnn.features.nnodely.saved_file import json_text
-from msnn.features.nnodely.saved_file.json_text import read_json
+from msnn.api.models import import_nnodely
+from msnn.features.nnodely import json_text
+from msnn.features.nnodely.json_text import read_json
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from tests.features.nnodely.recorded_model import recorded
 from tests.features.nnodely.saved_model import imported_text, saved, with_function

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.api.imports import import_nnodely
+from msnn.api.models import import_nnodely
 from tests.features.nnodely.saved_model import imported_text, saved
 
 FORMULA = "def f(x, w, b):\n    return torch.matmul(x, w) + b\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compiler.ir import ops
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.features.robots.robots import URDF, Z1, model_of, outputs_at
 

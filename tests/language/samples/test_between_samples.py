@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 import msnn
 from compiler.ir.text import program_text
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judgement import FloatType
-from msnn.data.starts import reach
+from msnn.agreement.judgement import FloatType
+from msnn.data.rollout_rows import reach
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from tests.agreement.exported import checked, plan_of

@@ -6,7 +6,7 @@ import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir import ops
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from tests.features.robots.robots import URDF, model_of
 from tests.language.compiled import compiled, simulated
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from tests.language.compiled import Array, codes, compiled, evaluated, simulated
 
 RANDOM = np.random.default_rng(8)

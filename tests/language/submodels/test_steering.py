@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from compiler.passes.close_loop import close_loop
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.project.workflow_checks import checked_model
 from tests.language.submodels.submodels import names, run

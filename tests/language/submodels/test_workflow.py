@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import msnn
-from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.simplify import prune_outputs
 from msnn.model.load import load_model, with_engine
 from msnn.model.model import Model
 from msnn.model.model_data import read_data

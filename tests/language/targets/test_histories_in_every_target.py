@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.judgement import FloatType
 from msnn.model.weights.weights_file import initial_weights
 from tests.agreement.exported import checked, plan_of
 from tests.conditions import require_tool

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.bounded_fits.fits import by_msnn, by_scipy, is_wrongly_converged, without_bounds
 from benchmarks.bounded_fits.problems import Problem, problems
 from msnn.data.dataset import FloatArray
-from msnn.training.engines.second_order.bounded_steps import StepBox, box_step
+from msnn.training.engines.second_order.damped_steps import StepBox, box_step
 from msnn.training.records.progress import Silent, StageEnd
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train

@@ -11,9 +11,9 @@ import torch
 from compiler.ir.program import Role
 from msnn.errors.failures import MissingExtraError
 from msnn.training.engines.devices import CPU, Device, find_device, on_device
-from msnn.training.engines.optimizer_state import placed_like
+from msnn.training.engines.torch.torch_optimizers import placed_like
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
-from msnn.training.records.stage_record import stage_record
+from msnn.training.records.run_record import stage_record
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stage_loss_module import stage_loss
 from msnn.training.train import train

@@ -11,7 +11,7 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.training.engines.dropout_masks import factors_of, with_all_kept
+from msnn.training.engines.engine import factors_of, with_all_kept
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool

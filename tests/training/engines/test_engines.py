@@ -11,7 +11,7 @@ import pytest
 
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.training.engines.engine import Engine
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.torch.torch_engine import TorchEngine

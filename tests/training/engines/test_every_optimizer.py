@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from msnn.training.train import TrainingOptions, train
-from spec_schema.sections.training.optimizers import Optimizer
+from spec_schema.sections.optimizers import Optimizer
 from tests.conditions import require_tool
 from tests.training.cases import dataset, gain, gain_series
 from tests.training.stages.test_schedules import Epochs

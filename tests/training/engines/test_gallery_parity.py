@@ -10,7 +10,7 @@ import pytest
 
 from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.model.load import load_model
 from msnn.model.model_data import read_data
 from msnn.model.weights.weights_file import initial_weights

@@ -13,12 +13,12 @@ import pytest
 
 from backends.c_language.literals import Dtype
 from backends.native import kernel as kernel_module
+from backends.native import sensitivity_kernel as sensitivity_module
 from backends.native.kernel_source import KernelSource
-from backends.native.rollouts import sensitivity_kernel as sensitivity_module
-from backends.native.rollouts.sensitivity_source import SensitivitySource
+from backends.native.sensitivity_kernel import SensitivitySource
 from compiler.differentiation.sensitivities import Sensitivities
 from compiler.differentiation.training_step import TrainingStep
-from msnn.simulation.engines.kernel_trials import WrongKernelError
+from msnn.simulation.engines.kernel_check import WrongKernelError
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stage_loss_module import stage_loss
 from msnn.training.train import train

@@ -12,13 +12,13 @@ from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.differentiation.training_step import training_step
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.model.load import load_model
 from msnn.training.engines.engine import Engine, EngineState
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.open_engine import open_engine
 from msnn.training.engines.torch.torch_squares import TorchSquares
-from msnn.training.plans.learning_rate import NO_REDUCTIONS
+from msnn.training.plans.epochs import NO_REDUCTIONS
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.records.checkpoint import (

@@ -13,20 +13,25 @@ import pytest
 
 from backends.c_language.literals import Dtype
 from backends.native import kernel as kernel_module
+from backends.native import rollout_kernel as rollout_module
+from backends.native import sensitivity_kernel as sensitivity_module
 from backends.native.kernel import Kernel
 from backends.native.kernel_source import KernelSource
-from backends.native.rollouts import rollout_kernel as rollout_module
-from backends.native.rollouts import sensitivity_kernel as sensitivity_module
-from backends.native.rollouts.rollout_kernel import RolloutKernel
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+from backends.native.rollout_kernel import RolloutKernel
+from backends.native.sensitivity_kernel import SensitivityKernel
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
-from msnn.simulation.engines.kernel_check import check_kernel, check_sensitivities
-from msnn.simulation.engines.kernel_trials import WrongKernelError, cases, compare
+from msnn.data.rollout_rows import Runs
+from msnn.simulation.engines.kernel_check import (
+    WrongKernelError,
+    cases,
+    check_kernel,
+    check_sensitivities,
+    compare,
+)
 from msnn.simulation.engines.native_rollouts import check_rollouts
 from tests.conditions import require_tool
 from tests.language.compiled import compiled

@@ -11,7 +11,7 @@ import pytest
 from backends.gauss_newton_products import Products
 from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.training.engines.engine import EngineState
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.second_order.levenberg_marquardt import LevenbergMarquardtEngine

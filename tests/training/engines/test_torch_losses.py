@@ -15,7 +15,7 @@ from compiler.ir.program import Loss, Measure, Output, Program, Role, Signal
 from compiler.ir.types import Type
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data.starts import Runs, reach, rollouts
+from msnn.data.rollout_rows import Runs, reach, rollouts
 from msnn.simulation.rollout import loss_sums
 from msnn.training.engines.torch.torch_losses import batch_losses, scoring
 from tests.programs import SAMPLES

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import IntArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import EngineState, LossSums
-from msnn.training.plans.epoch_order import shuffled
-from msnn.training.plans.learning_rate import Reductions
+from msnn.training.plans.epochs import Reductions, shuffled
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.plans.stage_result import EstimatedStarts, StageResult, Weights
@@ -26,8 +25,7 @@ from msnn.training.records.checkpoint import (
     read_checkpoint,
     write_checkpoint,
 )
-from msnn.training.stages.multi_start import StageAttempts
-from msnn.training.stages.stage_run import Interrupted, StageRun
+from msnn.training.stages.stage_run import Interrupted, StageAttempts, StageRun
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.backends.test_atomic_write import waits_for_disk
 from tests.training.cases import gain

@@ -11,7 +11,7 @@ import pytest
 
 import msnn
 from msnn.cli.application import run as command
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.optimal_control import ControlProblem
 from msnn.training.training_result import TrainingInterruptedError
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.training.cases import gain_series

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.training.records.metrics_log import MetricsLog
+from msnn.training.records.curves import MetricsLog
 
 
 def test_a_line_is_there_before_the_file_is_closed(tmp_path: Path):

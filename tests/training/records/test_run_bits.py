@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from backends.native import kernel_description
+from backends.native import compile_kernel
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
@@ -56,7 +56,7 @@ def test_without_fma_bits_depend_on_the_processor_unless_the_stage_insists(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require_tool("gcc", install="apt install gcc")
-    monkeypatch.setattr(kernel_description, "_FEATURES", {"__AVX2__": "AVX2"})
+    monkeypatch.setattr(compile_kernel, "_FEATURES", {"__AVX2__": "AVX2"})
     stage = "  - {name: one, epochs: 1}\n"
     assert "no fused multiply-add" in bits(stage, tmp_path)["depends_on"]["one"]
     insists = stage.replace("epochs: 1", "epochs: 1, reproducible: true")

@@ -20,13 +20,11 @@ from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import read_weights
 from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from msnn.training.records.progress import EpochEnd, Lines, Silent, StageStart
-from msnn.training.records.resumable_run import NotedProgress
-from msnn.training.records.run_folder import METRICS, RunFolder
-from msnn.training.records.run_lock import held
-from msnn.training.records.safekeeping import Safekeeping
+from msnn.training.records.resumable_run import NotedProgress, Safekeeping
+from msnn.training.records.run_folder import METRICS, RunFolder, held
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stages import stage_run
-from msnn.training.stages.pace import Pace
+from msnn.training.stages.stage_run import Pace
 from msnn.training.train import train
 from msnn.training.training_result import TrainingInterruptedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import SpecError

@@ -17,10 +17,9 @@ from msnn.reports.training_summary import errors_note, parameters_table
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.records.learned import standard_errors as module
 from msnn.training.records.learned.beside_bounds import is_near_bound
-from msnn.training.records.learned.black_boxes import black_boxes
-from msnn.training.records.learned.parameter_warnings import parameter_warnings
-from msnn.training.records.learned.parameters_record import parameters_record
+from msnn.training.records.learned.parameters_record import parameter_warnings, parameters_record
 from msnn.training.records.learned.standard_errors import StandardErrors, standard_errors
+from msnn.training.records.training_options import black_boxes
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.training.cases import compiled, dataset, gain, gain_series

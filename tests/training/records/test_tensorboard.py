@@ -14,7 +14,7 @@ import pytest
 
 from msnn.errors.failures import MissingExtraError
 from msnn.packages import TENSORBOARD
-from msnn.training.records.tensorboard_curves import Curves
+from msnn.training.records.curves import Curves
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool
 from tests.full_disk import full_after
@@ -25,7 +25,7 @@ STAGES = "  - {name: fit, epochs: 3, batch: 16, schedule: {exponential: {factor:
 ALONE = """
 import sys
 from pathlib import Path
-from msnn.training.records.tensorboard_curves import Curves
+from msnn.training.records.curves import Curves
 from msnn.training.train import TrainingOptions, train
 from tests.training.cases import dataset, gain, gain_series
 program, spec = gain("  - {epochs: 2, engine: native}\\n")

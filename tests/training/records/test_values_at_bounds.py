@@ -7,7 +7,7 @@ import pytest
 
 from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages
-from msnn.training.records.learned.parameter_warnings import parameter_warnings
+from msnn.training.records.learned.parameters_record import parameter_warnings
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.records.learned.total_slope import with_bounds
 from msnn.training.records.training_options import TrainingOptions

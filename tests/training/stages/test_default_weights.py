@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import FloatArray
-from msnn.training.plans.default_weights import with_default_weights
+from msnn.training.plans.stage_data import with_default_weights
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.records.progress import Silent, StageStart, stage_text
 from msnn.training.stage_loss_module import stage_loss

@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 
 from backends.known_terms import approached, known_terms
-from compiler.ir.program import Loss, Measure, Parameter, Program
-from compiler.ir.training.known import Penalty
+from compiler.ir.program import Loss, Measure, Parameter, Penalty, Program
 from compiler.ir.types import Axis
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import LossSum
-from msnn.training.plans.known_terms_of_stage import residuals_of
+from msnn.training.plans.loss_terms import residuals_of
 from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.train import TrainingOptions, TrainingResult, train
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
-from spec_schema.sections.training.training import Stage
+from spec_schema.sections.training import Stage
 from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset
 

@@ -16,7 +16,7 @@ from msnn.training.folds import Fold, FoldsResult
 from msnn.training.plans.stage_result import StageResult
 from msnn.training.records.progress import EpochEnd, Silent
 from msnn.training.records.run_folder import METRICS
-from msnn.training.stages.multi_start import StageAttempts
+from msnn.training.stages.stage_run import StageAttempts
 
 NAN, INF = float("nan"), float("inf")
 ORDERS = [(NAN, 0.5, 2.0), (0.5, NAN, 2.0), (INF, NAN, 0.5), (2.0, 0.5, NAN), (NAN, INF, 0.5)]

@@ -9,7 +9,7 @@ import torch
 from msnn.model.weights.weights_file import initial_weights
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.torch.torch_engine import TorchEngine
-from msnn.training.plans.learning_rate import NO_REDUCTIONS, Rule, after_epoch, rate_factor
+from msnn.training.plans.epochs import NO_REDUCTIONS, Rule, after_epoch, rate_factor
 from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.progress import EpochEnd, Silent

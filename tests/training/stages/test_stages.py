@@ -12,17 +12,16 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import IntArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.model.weights.weights_file import read_weights
 from msnn.project.workflow_checks import checked_model
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import EngineState, batches_of
-from msnn.training.plans.epoch_order import order_key, shuffled
-from msnn.training.plans.fixed_starts import fixed_starts
+from msnn.training.plans.epochs import order_key, shuffled
 from msnn.training.plans.stage_data import StageData
-from msnn.training.plans.stage_plan import plan_stages
+from msnn.training.plans.stage_plan import fixed_starts, plan_stages
 from msnn.training.records.progress import EpochEnd, StageEnd, StageStart
-from msnn.training.records.stage_record import stage_record
+from msnn.training.records.run_record import stage_record
 from msnn.training.stages.stage_run import StageRun
 from msnn.training.train import TrainingOptions, TrainingResult, train
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError

@@ -9,22 +9,19 @@ import numpy as np
 import pytest
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.graph import Graph, Node
 from compiler.ir.ops import ReadSignal, ReadState, Reshape
-from compiler.ir.program import Program
-from compiler.ir.rules.verifier import InvalidProgram, verify
+from compiler.ir.program import Graph, Node, Program
 from compiler.ir.types import Axis, Prediction, Type
-from compiler.passes.simplify.drop_unused import drop_unused
+from compiler.ir.verifier import InvalidProgram, verify
+from compiler.passes.simplify import drop_unused
 from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import initial_weights
 from msnn.training.stage_loss_module import stage_loss
-from msnn.training.starts.filter_equations import FilterStructure, UnbrokenRows
-from msnn.training.starts.initial_weights_of_run import first_weights
-from msnn.training.starts.linear_fit import fitted_filter
-from msnn.training.starts.linear_system import LinearSystem
+from msnn.training.starts.initial_weights import first_weights
+from msnn.training.starts.linear_fit import FilterStructure, UnbrokenRows, fitted_filter
+from msnn.training.starts.linear_system import LinearSystem, Triangle
 from msnn.training.starts.linear_system import filtered as through
-from msnn.training.starts.tall_least_squares import Triangle
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.language.compiled import codes

@@ -10,7 +10,7 @@ import pytest
 from compiler.ir.ops import ReadSignal
 from msnn.model.weights.weights_file import initial_weights
 from msnn.training.records.training_options import TrainingOptions
-from msnn.training.starts.initial_weights_of_run import first_weights
+from msnn.training.starts.initial_weights import first_weights
 from msnn.training.train import train
 from msnn.training.training_result import TrainingInterruptedError
 from tests.language.submodels.submodels import model_of, write_weights

@@ -11,10 +11,14 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.training.starts.filter_equations import FilterStructure, UnbrokenRows, equations_of
-from msnn.training.starts.initial_weights_of_run import first_weights
+from msnn.training.starts.initial_weights import first_weights
 from msnn.training.starts.lattice import denominator_of, lattice_of, reflections_of
-from msnn.training.starts.linear_fit import fitted_filter
+from msnn.training.starts.linear_fit import (
+    FilterStructure,
+    UnbrokenRows,
+    equations_of,
+    fitted_filter,
+)
 from msnn.training.starts.linear_system import LinearSystem
 from msnn.training.starts.state_space_fit import RowsWithoutGap, with_drive, with_read
 from msnn.training.starts.subspace_fit import fitted_system

@@ -14,13 +14,13 @@ from scipy.optimize import least_squares
 from compiler.differentiation.estimated_starts import evaluations_that_decide
 from compiler.program_file.file import program_from_json, program_to_json
 from msnn.data.dataset import FloatArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.simulate import simulate, simulation_program
 from msnn.simulation.start_fit import FoundStarts, StartFit
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.records.progress import EpochEnd, Silent
-from msnn.training.records.stage_record import stage_record
+from msnn.training.records.run_record import stage_record
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train
 from msnn.training.training_result import TrainingInterruptedError, TrainingResult

@@ -15,7 +15,7 @@ from compiler.elaboration.compile import compile_spec
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.model.weights.weights_file import initial_weights
-from msnn.training import training_run
+from msnn.training import train as training_run
 from msnn.training.engines.open_engine import OpenedEngine
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan

@@ -9,8 +9,7 @@ import pytest
 
 import msnn
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Program
-from compiler.ir.training.known import Statistic
+from compiler.ir.program import Program, Statistic
 from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import initial_weights

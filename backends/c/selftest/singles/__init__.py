@@ -1,1 +1,1 @@
-"""Searches single steps that show in generated C what plain golden steps do not."""
+"""Searches single steps that detect errors of generated C which plain golden steps miss."""

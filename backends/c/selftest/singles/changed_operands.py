@@ -22,7 +22,7 @@ from compiler.interpreter.operations import (
     repeated_batch,
 )
 from compiler.ir import ops
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.program import Graph, NodeId
 
 Kind = Literal["moved", "negated", "flipped"]

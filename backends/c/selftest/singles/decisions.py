@@ -1,4 +1,4 @@
-"""Finds where a step and its slopes decide: comparisons, kinks, poles, and limits of states."""
+"""Finds the decisions of a step and its Jacobian: comparisons, kinks, poles, limits of states."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
-from backends.c.interface.state_checks import StateCheck
+from backends.c.interface.status import StateCheck
 from backends.c.selftest.singles.trial_steps import TrialValues
-from backends.c_lowering.active_sums import sums_of_active_sets
+from backends.c_lowering.fuzzy_sets import sums_of_active_sets
 from compiler.interpreter.operations import repeated_batch
 from compiler.ir import ops
-from compiler.ir.liveness import needed
+from compiler.ir.nodes import needed
 from compiler.ir.program import Expected, Graph, NodeId, Program
 from compiler.jacobian.matrices import Jacobian
 
 Array = NDArray[Any]
 
 _ELEMENTS = 32
-"""Of a value that is checked more are checked in the same loop."""
+"""Maximum number of elements per value; further elements are checked in the same loop."""
 UNORDERED = 2
 """The sign of a difference that is NaN."""
 
@@ -33,26 +33,29 @@ _AT_ZERO = ("abs", "sign", "sqrt", "log", "pow", "atan2")
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Two nodes of a graph of which the result asks which is larger; the second may be 0."""
+    """Two nodes whose order affects the result; `right` is None for a comparison with 0."""
 
     left: NodeId
     right: NodeId | None
 
 
 Sides = tuple[Array, Array]
-"""(B, …) or (1, …) each; one that is always the same has no batch."""
+"""Both sides of a comparison, (B, …), or (1, …) for a side that is equal in all trials."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """The differences of two values, element by element."""
+    """The element-wise differences of two values."""
 
     size: int
     sides: Callable[[TrialValues], Sides]
 
 
 class Decisions:
-    """Every difference of a step, its checks and its slopes, and slopes that can be infinite."""
+    """The differences whose signs affect a step, its checks or its Jacobian.
+
+    Also lists the entries of the Jacobian that can be infinite.
+    """
 
     def __init__(self, program: Program, interface: Interface) -> None:
         self._dtype = np.dtype(interface.options.dtype)
@@ -74,7 +77,7 @@ class Decisions:
 
     @property
     def every(self) -> NDArray[np.int64]:
-        """The numbers of all differences."""
+        """The indices of all differences."""
         return np.arange(sum(pair.size for pair in self._pairs))
 
     def signs(self, values: TrialValues, count: int) -> NDArray[np.int8]:
@@ -83,7 +86,7 @@ class Decisions:
         return np.concatenate([np.zeros((count, 0), np.int8), *found], axis=1)
 
     def gaps(self, values: TrialValues, count: int, which: NDArray[np.int64]) -> Array:
-        """The sizes of these differences in each trial, infinite where one is NaN, (B, which)."""
+        """The absolute differences with these indices, (B, len(which)); infinite for NaN."""
         found = np.empty((count, len(which)))
         owners = np.searchsorted(self._ends, which, side="right")
         for number in map(int, np.unique(owners)):
@@ -104,7 +107,7 @@ class Decisions:
         return _Pair(size, lambda values: (values.nodes[entry.node], right))
 
     def doubtful(self, values: TrialValues, count: int) -> Array:
-        """The slopes that can be infinite, (B, E)."""
+        """The entries of the Jacobian that can be infinite, (B, entries)."""
         if not self._doubtful:
             return np.zeros((count, 0))
         numbers = {
@@ -114,8 +117,11 @@ class Decisions:
         return np.stack([numbers[node][:, element] for node, element in self._doubtful], axis=1)
 
     def reports(self, values: TrialValues, count: int) -> Iterator[tuple[Array, Array]]:
-        """For each limit of each number that is checked: how far beyond it is, relative to the
-        limit, and whether nothing else is outside, (B) each."""
+        """For each limit of each checked element: its excess and its sole violations, (B) each.
+
+        The excess beyond the limit is relative to the limit. The mask of sole violations is True
+        where no other element is out of range.
+        """
         numbers: list[tuple[Array, tuple[float, float]]] = []
         for check in self._checks:
             part = check.part(values.next_state(check.memory.state.name)).reshape(count, -1)
@@ -135,10 +141,10 @@ class Decisions:
                     yield beyond, every == own
 
     def settled(self, values: TrialValues, count: int) -> NDArray[np.bool_]:
-        """The mask of steps whose bits are promised, (B).
+        """The mask of steps for which C must be exact to the bit, (B).
 
-        C leaves out the terms of fuzzy sets that are 0: they would be NaN if the other factor were
-        infinite.
+        C omits terms of fuzzy sets whose factor is 0; the interpreter computes NaN for them if the
+        other factor is infinite.
         """
         found = np.ones(count, np.bool_)
         for node in self._sparse:
@@ -148,9 +154,9 @@ class Decisions:
 
 
 def _doubtful(jacobian: Jacobian) -> list[tuple[NodeId, int]]:
-    """The nodes, and their elements, of the slopes that can be infinite.
+    """The node and element of each Jacobian entry that can be infinite.
 
-    What stands in two entries is one slope: `y: next(x)` has those of x.
+    Entries that share an element appear once: `y: next(x)` has the derivatives of x.
     """
     found: dict[tuple[NodeId, int], None] = {}
     for matrix in jacobian.matrices:

@@ -1,4 +1,4 @@
-"""Draws single steps all over what states, inputs and parameters can be."""
+"""Draws random single steps from the whole space of states, inputs and parameters."""
 
 from __future__ import annotations
 
@@ -9,32 +9,33 @@ from numpy.typing import NDArray
 
 from backends.c.functions.input_policy import limits
 from backends.c.interface.interface import InputField
+from backends.c.selftest.drawn_inputs import drawable, knots_of
 from backends.c.selftest.singles.trial_steps import Trials, TrialSteps
-from backends.c.selftest.vectors.drawn_inputs import drawable, knots_of
 from compiler.ir.program import State
 
 Array = NDArray[Any]
 
 PLAIN = 64
-"""Steps whose numbers are all inside their ranges; they stand first."""
+"""Number of steps with all values inside their ranges; they come first."""
 
 _KINDS = (0, 1, 2, 3)
-"""Inside the ranges; some at knots and limits; some of any size around 1; some of any size at all,
-among zeros and infinities."""
+"""Kinds of steps: inside the ranges; partly at knots and limits; partly of magnitudes around 1;
+partly of any magnitude, with zeros and infinities."""
 _EACH = 128
-"""Steps of each other kind with trained parameters, and as many with others."""
+"""Number of steps of each other kind with trained parameters, and of each kind with changed
+ones."""
 _OTHERS = 3.0
-"""Parameters that are others in a step, on average; in every second step most of them."""
+"""Average number of changed parameters in a step; in every second step most parameters change."""
 _SHARES = (0.25, 0.1, 0.15, 0.4, 0.1)
-"""Of the kinds of parameters."""
+"""Probability of each kind of changed parameter."""
 _INFINITE = 0.1
-"""Of the parameters that are others, where some may be infinite."""
+"""Probability that a changed parameter is infinite, if infinite ones are allowed."""
 _WIDE, _HUGE = (-12.0, 12.0), (-140.0, 127.99)
-"""Binades."""
+"""Exponents of 2."""
 
 
 def drawn_trials(steps: TrialSteps, random: np.random.Generator) -> Trials:
-    """Steps of every kind, from every start."""
+    """Random steps of every kind, from every start."""
     # plain ones, the other kinds with trained parameters, then all kinds with others
     kinds = np.repeat([*_KINDS[:1], *_KINDS[1:], *_KINDS], [PLAIN, *[_EACH] * 7])
     trials = trials_of_kinds(steps, kinds, random)
@@ -45,7 +46,7 @@ def drawn_trials(steps: TrialSteps, random: np.random.Generator) -> Trials:
 def trials_of_kinds(
     steps: TrialSteps, kinds: Array, random: np.random.Generator, *, infinite: bool = False
 ) -> Trials:
-    """Steps of these kinds with other parameters than the trained ones, some perhaps infinite."""
+    """Steps of these kinds with changed parameters, some of them infinite if allowed."""
     count = len(kinds)
     numbers = np.zeros((count, steps.size), steps.dtype)
     for member, places in steps.members():
@@ -86,9 +87,9 @@ def _numbers(
 
 
 def _parameters(trained: Array, count: int, random: np.random.Generator) -> Array:
-    """Some are 0, near 0, of any size or about as large as the trained number.
+    """Changed parameters: 0, near 0, of any magnitude, or similar to the trained value.
 
-    In every second step there are few of them.
+    In every second step only a few parameters change.
     """
     shape = count, len(trained)
     values = np.choose(
@@ -107,7 +108,7 @@ def _parameters(trained: Array, count: int, random: np.random.Generator) -> Arra
 
 
 def _within(values: Array, bounds: tuple[Array, Array]) -> Array:
-    """Values beyond a bound, mirrored at it."""
+    """Mirrors values outside a bound at that bound."""
     low, high = bounds
     with np.errstate(invalid="ignore"):  # of infinite bounds, where nothing is beyond
         mirrored = np.where(values < low, 2 * low - values, 2 * high - values)

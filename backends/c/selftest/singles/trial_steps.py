@@ -1,4 +1,4 @@
-"""Runs many single steps at once, from starts of golden runs with numbers written over them."""
+"""Runs many single steps at once, from starts of golden runs with some values overwritten."""
 
 from __future__ import annotations
 
@@ -11,21 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import InputField, Interface
+from backends.c.selftest.golden_vectors import GoldenStart, state_fields
+from backends.c.selftest.reference_step import log_of_steps, with_checked
 from backends.c.selftest.singles.changed_operands import Change, ChangeableGraph
-from backends.c.selftest.vectors.golden_starts import GoldenStart
-from backends.c.selftest.vectors.log_of_steps import log_of_steps
-from backends.c.selftest.vectors.state_reference import with_checked
-from backends.c.selftest.vectors.written_states import state_fields
 from compiler.interpreter.operations import LeafValues, repeated_batch
 from compiler.ir.program import NodeId, Program, State
 
 Array = NDArray[Any]
 
 _ROWS, _NUMBERS = 8192, 16_000_000
-"""Steps with changes that are computed at once, and numbers that are kept of them."""
+"""Maximum number of changed steps computed at once, and of values stored for them."""
 _TUNABLE = 512
-"""Numbers in all parameters up to which they are other than trained in some steps: each of many
-steps at once has parameters of its own."""
+"""Maximum number of parameter elements for which steps change parameters, since each step has its
+own copy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +31,12 @@ class Trials:
     """B single steps."""
 
     starts: NDArray[np.int64]
-    """Which start each begins with."""
+    """Index of the start of each step."""
     numbers: Array
-    """Of written states, of inputs and of parameters, (B, size)."""
+    """Values of written states, inputs and parameters, (B, size)."""
 
     def of(self, rows: Array) -> Trials:
-        """Some of them."""
+        """The steps with these indices."""
         return Trials(self.starts[rows], self.numbers[rows])
 
     def __len__(self) -> int:
@@ -46,7 +44,7 @@ class Trials:
 
 
 def joined_trials(parts: Iterable[Trials]) -> Trials:
-    """One after the other."""
+    """All steps of the parts, in order."""
     every = [*parts]
     return Trials(
         np.concatenate([part.starts for part in every]),
@@ -56,25 +54,25 @@ def joined_trials(parts: Iterable[Trials]) -> Trials:
 
 @dataclass(frozen=True, slots=True)
 class TrialValues:
-    """The results of B steps; those that nobody asks for are not computed."""
+    """The results of B steps; each value is computed on first use."""
 
     program: Program
     count: int
-    """B."""
+    """Number of steps."""
     nodes: Mapping[NodeId, Array]
-    """The values of the step's graph, (B, …) or (1, …)."""
+    """Values of the nodes of the step, (B, …) or (1, …)."""
     slopes: Mapping[NodeId, Array]
-    """The values of the Jacobian's graph, (B, …) or (1, …); none without one."""
+    """Values of the nodes of the Jacobian, (B, …) or (1, …); empty without a Jacobian."""
 
     @property
     def outputs(self) -> dict[str, Array]:
-        """By name, (B, …)."""
+        """Outputs by name, (B, …)."""
         outputs = self.program.outputs
         return {out.name: repeated_batch(self.nodes[out.node], self.count) for out in outputs}
 
     @property
     def next_states(self) -> dict[str, Array]:
-        """By name, (B, …)."""
+        """Next states by name, (B, …)."""
         return {state.name: self.next_state(state.name) for state in self.program.states}
 
     def next_state(self, name: str) -> Array:
@@ -83,7 +81,7 @@ class TrialValues:
 
 
 class TrialSteps:
-    """A program ready for trials, and where states, inputs and parameters stand in numbers."""
+    """A program prepared for trials, and the positions of its values in a row."""
 
     def __init__(
         self,
@@ -117,10 +115,12 @@ class TrialSteps:
         with np.errstate(over="ignore"):  # beyond float32 a weight is infinite, as in C
             trained = [np.asarray(weights[f.name]).astype(self.dtype).ravel() for f in self._tuned]
         self.trained = np.concatenate([np.zeros(0, self.dtype), *trained])
-        """The parameters that can be other ones, in the order of their struct."""
+        """The trained values of the parameters that steps may change, in the order of their
+        struct."""
         self.bounds = self._bounds_of_tuned()
-        """Where these have the sign that the model gives them, for gaps of knots that do not rise
-        have no meaning; otherwise they may be of any size, also beyond what trains."""
+        """Lower and upper bounds of these parameters. They keep the sign that the model requires,
+        since knot distances must be positive. The magnitude is free, also beyond the limits of
+        training."""
         jacobian = interface.jacobian.jacobian if interface.jacobian else None
         self._matrices = jacobian.matrices if jacobian else ()
         asked = [output.node for output in self.program.outputs]
@@ -149,11 +149,11 @@ class TrialSteps:
 
     @property
     def computed(self) -> int:
-        """The count of all numbers that a step and its Jacobian compute."""
+        """The number of elements that a step and its Jacobian compute."""
         return sum(graph.size for graph, _ in self._shown)
 
     def members(self) -> Iterator[tuple[State | InputField, slice]]:
-        """The states that are written and the inputs, with their places."""
+        """The written states and the inputs, with their positions in a row."""
         states = {state.name: state for state in self.program.states}
         inputs = {input.field.name: input for input in self.interface.inputs}
         for name in [*self.written_names, *inputs]:
@@ -161,7 +161,7 @@ class TrialSteps:
 
     @property
     def tuned(self) -> slice:
-        """The slice of the parameters among the numbers."""
+        """The positions of the parameters in a row."""
         return slice(self.size - len(self.trained), self.size)
 
     def _bounds_of_tuned(self) -> tuple[Array, Array]:
@@ -178,19 +178,19 @@ class TrialSteps:
         return low, high
 
     def inputs(self, trials: Trials) -> dict[str, Array]:
-        """By name, (B, *shape)."""
+        """Inputs by name, (B, *shape)."""
         return {i.field.name: self._part(trials, i.field.name) for i in self.interface.inputs}
 
     def written(self, trials: Trials) -> dict[str, Array]:
-        """States that a harness writes, by name, (B, *shape)."""
+        """The states that the test program writes, by name, (B, *shape)."""
         return {name: self._part(trials, name) for name in self.written_names}
 
     def begun(self, trials: Trials) -> dict[str, Array]:
-        """All states as `reset` leaves them."""
+        """All states after `reset`, by name, (B, *shape)."""
         return {name: values[trials.starts] for name, values in self._begun.items()}
 
     def run(self, trials: Trials) -> TrialValues:
-        """Runs the interpreter on the trials; no policy looks at the inputs."""
+        """Runs the interpreter on the trials, without input policies."""
         around, parameters = self._around(trials), self._parameters(trials)
         return TrialValues(
             program=self.program,
@@ -200,7 +200,7 @@ class TrialSteps:
         )
 
     def matrices(self, trials: Trials) -> dict[str, Array]:
-        """The Jacobian that it answers, by name, (B, rows, columns); nothing without one."""
+        """The matrices of the Jacobian by name, (B, rows, columns); empty without a Jacobian."""
         count, nodes = len(trials), self.run(trials).slopes
         return {
             matrix.name: matrix.filled(
@@ -217,15 +217,16 @@ class TrialSteps:
         return Trials(trials.starts, numbers)
 
     def changes(self) -> list[tuple[int, Change]]:
-        """Every change of an operand in the step, 0, and in the Jacobian, 1."""
+        """Every change of an operand, with 0 for a change in the step and 1 in the Jacobian."""
         return [(g, c) for g, (graph, _) in enumerate(self._shown) for c in graph.changes()]
 
     def seen(
         self, trials: Trials, changes: Sequence[tuple[int, Change]], *, states: bool = True
     ) -> NDArray[np.bool_]:
-        """The mask of changes that the comparison after a single step shows, (B, changes).
+        """True where the comparison after a single step detects a change, (B, changes).
 
-        Without `states` in what is compared after each step of a golden run.
+        Without `states`, only values are compared that are also compared after each step of a
+        golden run.
         """
         count = len(trials)
         found = np.zeros((count, len(changes)), np.bool_)
@@ -267,7 +268,7 @@ class TrialSteps:
         return LeafValues(log, t, self.begun(trials) | self.written(trials))
 
     def _parameters(self, trials: Trials) -> dict[str, Array]:
-        """The parameters that are not the trained ones in all steps, (B, *shape)."""
+        """The parameters that differ from the trained ones in some step, (B, *shape)."""
         found = {field.name: self._part(trials, field.name) for field in self._tuned}
         # parameters that no trial changes stay one array for the whole batch
         other = np.any(trials.numbers[:, self.tuned] != self.trained, axis=0)

@@ -10,9 +10,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from msnn.data.formats.arrays.array_attributes import (
+    UnitTexts,
+    packing_in,
+    unit_beside,
+    units_in,
+    with_netcdf_fill,
+)
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.array_units import UnitTexts, unit_beside, units_in
-from msnn.data.formats.arrays.packed_values import packing_in, with_netcdf_fill
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors

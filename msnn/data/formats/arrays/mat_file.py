@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
+from msnn.data.formats.arrays.array_attributes import unit_beside
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.array_units import unit_beside
 from msnn.data.formats.arrays.hdf5_file import read_datasets
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msnn.data.formats.arrays.array_attributes import unit_beside
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.array_units import unit_beside
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.unpacked_size import refuse_unpacking

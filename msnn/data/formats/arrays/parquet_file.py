@@ -14,9 +14,14 @@ import pyarrow as arrow
 import pyarrow.parquet as parquet
 from numpy.typing import NDArray
 
+from msnn.data.formats.arrays.array_attributes import (
+    UnitTexts,
+    packing_in,
+    packing_of_column,
+    unit_of_column,
+    units_in,
+)
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.array_units import UnitTexts, unit_of_column, units_in
-from msnn.data.formats.arrays.packed_values import packing_in, packing_of_column
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.unpacked_size import refuse_unpacking

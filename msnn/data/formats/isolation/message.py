@@ -11,23 +11,26 @@ from typing import IO, Any, cast
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.capital_units import CapitalUnit
+from msnn.data.formats.plugin_file import PluginReader
 from msnn.data.formats.table import ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
-from msnn.data.formats.written_units import TwoUnits, UnknownUnit
+from msnn.data.formats.written_units import CapitalUnit, TwoUnits, UnknownUnit
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
-from spec_schema.fields.located import Located
+from spec_schema.fields.leaf import Located
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit
 
 
 @dataclass(frozen=True, slots=True)
 class ReadRequest:
-    """A file to read with the function `read` of a module, and limits of memory and time."""
+    """A file to read, and limits of memory and time.
 
-    module: str
+    The reader is that of a plug-in, or the function `read` of a module of msnn.
+    """
+
+    of: str | PluginReader
     path: Path
     shown: str
     wanted: WantedColumns
@@ -38,7 +41,7 @@ class ReadRequest:
     """Maximum processor time."""
 
 
-_REQUEST = (ReadRequest, WantedColumns, TimeSource, Located, Dialect)
+_REQUEST = (ReadRequest, WantedColumns, TimeSource, Located, Dialect, PluginReader)
 _RESULT = (ColumnTable, Streams, Diagnostic, Span, Moment, CapitalUnit, UnknownUnit, TwoUnits)
 _KINDS = (*_REQUEST, *_RESULT)
 _CLASSES: dict[str, type[Any]] = {kind.__name__: kind for kind in _KINDS}

@@ -44,7 +44,7 @@ def _next(requests: IO[bytes]) -> ReadRequest | None:
 
 
 def _answer(request: ReadRequest) -> object:
-    read = import_module(request.module).read
+    read = import_module(request.of).read if isinstance(request.of, str) else request.of
     # after the import: what the reader itself takes is no fault of the file
     _limit(request.memory, request.seconds)
     try:

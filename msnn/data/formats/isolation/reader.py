@@ -16,6 +16,7 @@ from typing import Any
 
 from msnn.data.formats.isolation.message import ReadRequest, read_message, write_message
 from msnn.data.formats.isolation.process import Reader
+from msnn.data.formats.plugin_file import PluginReader
 from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file
@@ -41,8 +42,8 @@ _START = (
 )
 
 
-def isolated(module: str) -> Reader:
-    """The function `read` of a module, run in a separate process.
+def isolated(of: str | PluginReader) -> Reader:
+    """The function `read` of a module, or the reader of a plug-in, run in a separate process.
 
     A file that crashes the process is reported as unreadable (E0802). All files of a command share
     one process, because readers take long to import.
@@ -55,7 +56,7 @@ def isolated(module: str) -> Reader:
         sys.audit("open", path, "rb", os.O_RDONLY)
         size = path.stat().st_size if path.is_file() else 0
         request = ReadRequest(
-            module=module,
+            of=of,
             path=path.absolute(),
             shown=shown,
             wanted=wanted,
@@ -91,7 +92,10 @@ class _Readers:
                 code = self._ended(process)
                 reason = _reason(code, request)
                 repair = "open it with the program that wrote it, and write it again from there"
-                raise SpecError((unreadable_file(request.shown, reason, repair),)) from None
+                fault = unreadable_file(request.shown, reason, repair)
+                if isinstance(of := request.of, PluginReader):
+                    fault = of.fault(request.shown, f"ended its process: {reason}")
+                raise SpecError((fault,)) from None
             # a half-read answer would be taken for the next one
             except BaseException:
                 self._ended(process)
@@ -112,6 +116,11 @@ class _Readers:
         """Stops the process if it is running."""
         if self._process is not None:
             self._ended(self._process)
+
+
+def end_readers() -> None:
+    """Ends the reader process, so that the next file is read by a new one with today's plug-ins."""
+    _readers(os.getpid()).end()
 
 
 @cache

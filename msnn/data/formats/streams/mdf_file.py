@@ -21,7 +21,7 @@ from msnn.data.formats.table import ColumnKey, Streams, TimeSource, WantedColumn
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
-from msnn.errors.data import formats
+from msnn.errors.data import rows
 from spec_schema.diagnostics.diagnostic import SpecError
 
 # it prints lines of its own beside the message of the command
@@ -85,7 +85,7 @@ def _times(
         place = next((place for place in _places(file, wanted) if place[0] == group), None)
         if place is None:
             span = column.place
-            raise SpecError((formats.time_of_another_group(wanted, shown, name, span),))
+            raise SpecError((rows.time_of_another_group(wanted, shown, name, span),))
         signal = file.get(None, group=group, index=place[1])
         unit = [(str(signal.unit or ""),)]
         arrays = NamedArrays(

@@ -20,8 +20,8 @@ from msnn.data.formats.streams.stream_columns import stream_columns
 from msnn.data.formats.table import Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
-from msnn.errors.data import formats
-from msnn.errors.data.units import unit_of_moments
+from msnn.errors.data import rows
+from msnn.errors.data.cells import unit_of_moments
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.moments import Moment
 
@@ -160,11 +160,11 @@ def _set_clocks(
         # numbers may begin anywhere: they cannot be compared with times of other topics
         other = next((n for n, c in channels.items() if c.topic != channel.topic), None)
         if other is not None:
-            raise SpecError((formats.time_of_another_group(key, shown, other, span),))
+            raise SpecError((rows.time_of_another_group(key, shown, other, span),))
     if all(channel.clock is None for channel in channels.values()):
         if topic is not None and topic not in {channel.topic for channel in channels.values()}:
             other = next(iter(channels))
-            raise SpecError((formats.time_of_another_group(key, shown, other, span),))
+            raise SpecError((rows.time_of_another_group(key, shown, other, span),))
         missing = errors.missing_columns({key: "`time`"}, shown, topics, span, numbers=False)
         raise SpecError((missing,))
     if not stamps:

@@ -17,17 +17,16 @@ from nptdms.types import String, TimeStamp
 from numpy.typing import NDArray
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.arrays.array_attributes import PackingError, UnitTexts, text_of, units_in
 from msnn.data.formats.arrays.array_columns import NamedArrays, length_faults
-from msnn.data.formats.arrays.array_units import UnitTexts, text_of, units_in
-from msnn.data.formats.arrays.packed_values import PackingError
 from msnn.data.formats.streams.stream_columns import stream_columns
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import StatedUnit, column_and_unit, stated_unit
 from msnn.errors.data import files as errors
-from msnn.errors.data import formats
-from msnn.errors.data.recordings import unread_part
-from msnn.errors.data.units import unit_of_moments
+from msnn.errors.data import rows
+from msnn.errors.data.cells import unit_of_moments
+from msnn.errors.data.files import unread_part
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.moments import FARTHEST, Moment
 from spec_schema.units.parser import parse_unit
@@ -245,7 +244,7 @@ class _Channels:
         source = next((s for s in sources if s.group_name == channel.group_name), None)
         if source is None:
             name, place = str(column.column), column.place
-            other = formats.time_of_another_group(name, self._shown, channel.name, place)
+            other = rows.time_of_another_group(name, self._shown, channel.name, place)
             raise SpecError((other,))
         if not self._fits(source, channel):
             count = f"it has {len(channel)} values and its time `{source.name}` has {len(source)}"

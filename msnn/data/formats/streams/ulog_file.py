@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from pyulog import ULog
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.arrays.array_attributes import PackingError
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.packed_values import PackingError
 from msnn.data.formats.streams.stream_columns import stream_columns
 from msnn.data.formats.table import ColumnKey, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
-from msnn.errors.data import formats
-from msnn.errors.data.lists import listed
-from msnn.errors.data.recordings import lost_messages, unread_part
+from msnn.errors.data import rows
+from msnn.errors.data.files import lost_messages, unread_part
+from msnn.errors.data.rows import listed
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.units.parser import parse_unit
 
@@ -251,7 +251,7 @@ def _fields_of_time(
     other = next((topic for topic in used if topic.label not in fields), None)
     if not fields and used:
         if other is not None and any(field in topic.types for topic in only or topics):
-            raise SpecError((formats.time_of_another_group(key, shown, other.label, span),))
+            raise SpecError((rows.time_of_another_group(key, shown, other.label, span),))
         missing = {key: "`time`"}
         names = _names(topics)
         raise SpecError((errors.missing_columns(missing, shown, names, span, numbers=False),))
@@ -259,7 +259,7 @@ def _fields_of_time(
     # numbers may begin anywhere: they cannot be compared with times of other topics
     if not all(_is_stamp(topic, field) for topic in stamped) and len({t.label for t in used}) > 1:
         other = next(topic for topic in used if topic is not stamped[0])
-        raise SpecError((formats.time_of_another_group(key, shown, other.label, span),))
+        raise SpecError((rows.time_of_another_group(key, shown, other.label, span),))
     return fields
 
 

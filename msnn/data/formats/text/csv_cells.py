@@ -1,4 +1,7 @@
-"""Reads a CSV file cell by cell, to report exactly which cells are wrong and where."""
+"""Reads a CSV file cell by cell, to report exactly which cells are wrong and where.
+
+`csv_file` reads files without such cells by numpy.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,8 @@ from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect, Header, Lines, split_cells
 from msnn.data.formats.written_units import MISSING, is_number
 from msnn.errors.data import cells as cell_errors
+from msnn.errors.data import cells as data_units
 from msnn.errors.data import files as errors
-from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment, read_moment

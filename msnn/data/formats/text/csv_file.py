@@ -29,7 +29,7 @@ from msnn.data.formats.text.csv_header import (
 )
 from msnn.data.formats.text.text_encoding import not_utf8, refuse_other_formats
 from msnn.errors.data import files as errors
-from msnn.errors.data.formats import decimal_between_cells
+from msnn.errors.data.rows import decimal_between_cells
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
 

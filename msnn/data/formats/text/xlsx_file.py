@@ -11,8 +11,7 @@ from pathlib import Path
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_file import text_table
 from msnn.data.formats.text.csv_header import Dialect, read_header, with_blank_rows
-from msnn.data.formats.text.xlsx_book import first_sheet
-from msnn.data.formats.text.xlsx_units import units_of_formats
+from msnn.data.formats.text.xlsx_cells import first_sheet, units_of_formats
 from msnn.data.formats.unpacked_size import refuse_unpacking
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError

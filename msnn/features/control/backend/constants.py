@@ -1,12 +1,17 @@
-"""Lists the numerical constants of the generated interior-point solver (decision 0236)."""
+"""Lists the numerical constants of generated solvers (decision 0236), and formats numbers as C."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from backends.c_language.literals import Dtype, real_literal
-from msnn.features.control.problem.optimal_control.problem import Mode
-from msnn.features.control.problem.optimal_control.structure import Chosen
+from backends.c_language.rendering import comment
+from compiler.kernels.tables.formats import RealName
+from msnn.features.control.problem.optimal_control import Mode
+from msnn.features.control.problem.structure import Chosen
 
 _FAR = 1e3
 """Limit of simulated states, as a multiple of their scales or of their measured start."""
@@ -131,3 +136,28 @@ def solver_constants(
         {"name": name, "value": real_literal(value, dtype), "text": text}
         for name, value, text in table
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class TypedLiterals:
+    """Formatter of C literals of one floating-point type."""
+
+    dtype: Dtype
+
+    @property
+    def real(self) -> RealName:
+        """The name of the type in C."""
+        return "float" if self.dtype == "float32" else "double"
+
+    def literal(self, value: float) -> str:
+        """Returns a C literal that reads back as the value rounded to the type."""
+        return real_literal(float(value), self.dtype)
+
+    def braced(self, values: Iterable[float]) -> str:
+        """Returns the initialiser of a C array; ints become integer literals."""
+        texts = (str(x) if isinstance(x, int) else self.literal(x) for x in values)
+        return "{" + ", ".join(texts) + "}"
+
+    def comment(self, text: str) -> str:
+        """Returns a C comment, wrapped to lines."""
+        return comment(text)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from backends.c_language.comments import comment_text
+from backends.c_language.rendering import comment_text
 from backends.ports.identifiers import c_identifier
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Member, Vector
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.optimal_control import ControlProblem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

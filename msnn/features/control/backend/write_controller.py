@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from backends.c.folder.header_text import origin
@@ -17,31 +18,30 @@ from backends.c_language.rendering import GeneratedNames, render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
 from backends.files.export_identity import with_identity
-from msnn.features.control.backend.about import about_text
+from msnn.features.control.backend.about import Sizes, about_text, members
 from msnn.features.control.backend.constants import (
+    TypedLiterals,
     floor_of_curvature,
     most_factors,
     reachable,
     solver_constants,
 )
 from msnn.features.control.backend.inputs import input_fields, quantity_lines
-from msnn.features.control.backend.members import Sizes, members
-from msnn.features.control.backend.numbers import TypedLiterals
-from msnn.features.control.backend.selftest.selftest import selftest_texts
+from msnn.features.control.backend.selftest import selftest_texts
 from msnn.features.control.backend.stage_code.stage_functions import (
     PlacedLimit,
     StageFunctions,
     StageWriter,
 )
-from msnn.features.control.backend.structure.blocks import block_tables
 from msnn.features.control.backend.structure.condensed_form import condensed_form
 from msnn.features.control.backend.structure.form import Form
 from msnn.features.control.backend.structure.rows import Rows, resting_controls, rows_of
 from msnn.features.control.backend.structure.staged_form import staged_form
-from msnn.features.control.problem.optimal_control.cost_scale import with_scaled_cost
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.structure import chosen_structure
-from msnn.features.control.problem.optimal_control.trained import trained
+from msnn.features.control.problem.cost_scale import with_scaled_cost
+from msnn.features.control.problem.horizon import block_starts, previous_places
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.structure import chosen_structure
+from msnn.features.control.problem.trained import trained
 
 MOST_SIMULATIONS = 3
 """Maximum number of restarts per solve at a newly simulated plan.
@@ -270,3 +270,21 @@ def _about(problem: ControlProblem) -> str:
         f"Finds the controls of {problem.horizon} samples by an interior-point method on the "
         f"problem of the spec's `mpc` section, {how}, and gives those of the first one."
     )
+
+
+def block_tables(problem: ControlProblem) -> dict[str, object]:
+    """Returns index tables for the templates; `held` is False if every block is one sample."""
+    if not problem.has_blocks:
+        return {"held": False}
+    # block_starts is True at the first stage of each block: its sum counts the blocks
+    block = np.cumsum(block_starts(problem)) - 1
+    decided = (0, *((block + 1) * problem.controls.size).tolist())
+    return {
+        "held": True,
+        "blocks": len(problem.blocks),
+        "longest_block": max(problem.blocks),
+        "block_of_stage": block.tolist(),
+        "block_begins": np.cumsum((0, *problem.blocks)).tolist(),
+        "decided_before": list(decided),
+        "latest": previous_places(problem).tolist(),
+    }

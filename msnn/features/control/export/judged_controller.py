@@ -14,20 +14,18 @@ from numpy.typing import NDArray
 
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Member
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import Fault, NotOptimal, SelfTestFails
-from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.agreement import Agreement, Fault, NotOptimal, SelfTestFails
+from msnn.agreement.judgement import FloatType
 from msnn.exports.target import Weights
 from msnn.features.control.backend.constants import reachable
 from msnn.features.control.backend.inputs import SeriesField, input_fields
-from msnn.features.control.backend.library import ControllerLibrary
-from msnn.features.control.backend.selftest.starts import drawn_starts
-from msnn.features.control.backend.solution import multipliers_of, plan_of
+from msnn.features.control.backend.library import ControllerLibrary, multipliers_of, plan_of
+from msnn.features.control.backend.selftest import drawn_starts
 from msnn.features.control.backend.structure.rows import rows_of
-from msnn.features.control.problem.optimal_control.horizon import Given
-from msnn.features.control.problem.optimal_control.kkt import Judge
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.trained import trained
+from msnn.features.control.problem.horizon import Given
+from msnn.features.control.problem.kkt import Judge
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.trained import trained
 
 _ALLOWED = {"float64": 2.0, "float32": 10.0}
 """By the tolerance: the judge adds up its sums in float64 and in another order."""

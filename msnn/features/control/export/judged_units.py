@@ -10,22 +10,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.fmu.description.variable import Variable, VariableKind
-from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import other_bits
-from msnn.agreement.judging.judgement import FloatType
-from msnn.exports.running.fmu_instance import FmuInstance, fmu_instance
+from backends.fmu.variable import Variable, VariableKind
+from msnn.agreement.agreement import Agreement, other_bits
+from msnn.agreement.judgement import FloatType
+from msnn.exports.running.loaded_fmu import FmuInstance, fmu_instance
 from msnn.exports.target import Weights
-from msnn.features.control.backend.estimation.golden_filter import golden_steps
-from msnn.features.control.backend.estimation.library import FilterLibrary
-from msnn.features.control.backend.library import ControllerLibrary
+from msnn.features.control.backend.golden_filter import golden_steps
+from msnn.features.control.backend.library import ControllerLibrary, FilterLibrary
 from msnn.features.control.export.judged_controller import drawn_samples
 from msnn.features.control.fmu.controller_unit import controller_unit
 from msnn.features.control.fmu.filter_unit import filter_unit
 from msnn.features.control.fmu.online_unit import OnlineUnit
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.trained import trained
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.state_estimation import EstimationProblem
+from msnn.features.control.problem.trained import trained
 
 Array = NDArray[np.floating]
 Numbers = Mapping[str, Array]

@@ -14,9 +14,9 @@ from msnn.errors.failures import UnfitCompilerError
 from msnn.exports.prepare import name_prefix
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.features.control.errors import export as predictive_control
-from msnn.features.control.keys.export import MpcExport, OnlineExtra
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.keys import MpcExport, OnlineExtra
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.state_estimation import EstimationProblem
 from msnn.packages import FMPY, ZIGLANG
 
 _LEAST_SINGLE, _MOST_SINGLE = 2.0**-126, (2 - 2.0**-23) * 2.0**127
@@ -102,11 +102,11 @@ def _write_units(
 ) -> tuple[Path, ...]:
     """Units of the C that was written into the folder."""
     from backends.c.host.build import CompilerFailedError
-    from backends.fmu.write_units import write_headers
+    from backends.fmu.write_fmu import write_headers
     from msnn.features.control.fmu.controller_unit import controller_unit
     from msnn.features.control.fmu.filter_unit import filter_unit
     from msnn.features.control.fmu.online_unit import write_online_unit
-    from msnn.features.control.problem.optimal_control.trained import trained
+    from msnn.features.control.problem.trained import trained
 
     def sources(prefix: str) -> dict[str, str]:
         # a unit has the sources of its own part alone, without self-tests
@@ -147,7 +147,7 @@ def _write_units(
 
 
 def _readme(plan: ExportPlan[Online]) -> str:
-    from backends.files.readme import one_line, readme_text
+    from backends.files.text_templates import one_line, readme_text
 
     has_control = plan.options.control is not None
     estimation = plan.options.estimation
@@ -183,8 +183,11 @@ def _load(plan: ExportPlan[Online], written: Written) -> NoReturn:
 def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Agreement:
     from msnn.exports.running.built_c import built_folder
     from msnn.features.control.export.judged_controller import compare_controller
-    from msnn.features.control.export.judged_filter import compare_filter, joined
-    from msnn.features.control.export.judged_horizon import compare_horizon
+    from msnn.features.control.export.judged_estimator import (
+        compare_filter,
+        compare_horizon,
+        joined,
+    )
     from msnn.features.control.export.judged_units import (
         compare_controller_units,
         compare_estimator_units,

@@ -7,25 +7,25 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from backends.c_language.literals import Dtype
-from backends.fmu.description.names import VariableNames
-from backends.fmu.description.variable import (
+from backends.fmu.variable import (
     Range,
     UnitVariables,
     Variable,
     VariableKind,
+    VariableNames,
     member_variable,
     one_line,
     placed,
     residual_variable,
 )
-from backends.fmu.description.variables import rounded_range
+from backends.fmu.variables import rounded_range
 from compiler.ir.program import Signal
 from compiler.ir.types import WINDOW, Axis
 from compiler.jacobian.matrices import Member
 from msnn.features.control.backend.inputs import SeriesField, input_fields
 from msnn.features.control.backend.structure.rows import Row, resting_controls, rows_of
 from msnn.features.control.fmu.online_unit import OnlineUnit, valid_numbers
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.optimal_control import ControlProblem
 
 _MEANINGS = {
     0: "optimal",

@@ -9,22 +9,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from backends.c_language.literals import Dtype
-from backends.fmu.description.names import VariableNames
-from backends.fmu.description.variable import (
+from backends.fmu.variable import (
     UnitVariables,
     Variable,
     VariableKind,
+    VariableNames,
     member_variable,
     one_line,
     placed,
     residual_variable,
 )
-from backends.fmu.description.variables import rounded_range
+from backends.fmu.variables import rounded_range
 from compiler.ir.types import Type
-from msnn.features.control.backend.estimation.filter_fields import input_fields
+from msnn.features.control.backend.filter_fields import input_fields
 from msnn.features.control.fmu.online_unit import Fill, OnlineUnit, valid_numbers
-from msnn.features.control.kalman.kalman_filter import KalmanFilter
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.kalman_filter import KalmanFilter
+from msnn.features.control.problem.state_estimation import EstimationProblem
 
 _REFUSED = {3: "an input is infinite or NaN", 4: "a state was never given"}
 _REFUSALS = {

@@ -10,13 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.c_language.comments import comment_text, string_literal
 from backends.c_language.literals import Dtype, real_literal
-from backends.c_language.rendering import GeneratedNames, render
-from backends.fmu.description.facts import UnitFacts
-from backends.fmu.description.variable import UnitVariables, Variable, VariableKind
+from backends.c_language.rendering import GeneratedNames, comment_text, render, string_literal
 from backends.fmu.sources import Version
-from backends.fmu.write_units import write_units
+from backends.fmu.variable import UnitFacts, UnitVariables, Variable, VariableKind
+from backends.fmu.write_fmu import write_units
 from compiler.ir.program import Program
 
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 
+from backends.native.compile_kernel import compiled_kernel
+from backends.native.native_step import one_text
 from msnn.features.control.backend.inputs import input_fields
-from msnn.features.control.backend.solution import multipliers_of, plan_of
+from msnn.features.control.backend.library import ControllerLibrary, multipliers_of, plan_of
 from msnn.features.control.backend.structure.rows import rows_of
-from msnn.features.control.problem.optimal_control.horizon import Array, Given, Plan
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.backend.write_controller import controller_texts
+from msnn.features.control.problem.horizon import Array, Given, Plan
+from msnn.features.control.problem.optimal_control import ControlProblem
 from msnn.features.control.run.control_range import ControlRange
-from msnn.features.control.run.interior_point.barrier_limits import BarrierLimits
+from msnn.features.control.run.interior_point.barrier_problem import BarrierLimits
 from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
-from msnn.features.control.run.method import Found, Solver
-from msnn.features.control.run.native_controller import native_controller
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.method import Found, Solver, Status
 
 
 class CompiledMethod:
@@ -73,3 +76,16 @@ class CompiledMethod:
         # a control that stays is the same to the bit
         kept = np.where(nearest == controls, plan.controls, nearest * scale)
         return Plan(plan.states, np.concatenate([applied[None], kept[1:]]))
+
+
+_PREFIX = "plant"
+
+
+def native_controller(problem: ControlProblem) -> ControllerLibrary:
+    """A controller of a problem without parameters, in float64.
+
+    Raises CompilerMissingError and KernelBuildError.
+    """
+    texts = controller_texts(problem, _PREFIX, "float64")
+    about = json.loads(texts[f"{_PREFIX}_mpc.json"])
+    return ControllerLibrary(about, compiled_kernel(one_text(texts)).library)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from msnn.features.control.problem.optimal_control.horizon import Array, Given
-from msnn.features.control.run.interior_point.barrier_limits import BarrierLimits
-from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
-from msnn.features.control.run.interior_point.horizon_values import RowLimits
+from msnn.features.control.problem.horizon import Array, Given
+from msnn.features.control.run.interior_point.barrier_problem import BarrierLimits
+from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions, RowLimits
 
 
 class ControlRange:

@@ -1,14 +1,58 @@
-"""Says what a controller asks of whoever solves its problems."""
+"""Defines the solving method of a controller, and the solution that a controller returns."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Literal, Protocol
 
-from msnn.features.control.problem.optimal_control.horizon import Array, Given, Multipliers, Plan
+from msnn.features.control.problem.horizon import Array, Given, Multipliers, Plan
 from msnn.features.control.run.control_range import ControlRange
-from msnn.features.control.run.interior_point.horizon_values import Values
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.interior_point.horizon_functions import Values
+
+
+class Status(IntEnum):
+    """The outcome of a solve; only the first two move the control."""
+
+    SOLVED = 0
+    """The residual is at most the tolerance."""
+    CAPPED = 1
+    """Iterations ran out: limits hold, the residual is told."""
+    INFEASIBLE = 2
+    """No plan within hard limits was found: the last control, inside its own limits; of two that
+    contradict each other the upper one is kept."""
+    INPUT_NOT_FINITE = 3
+    """A measurement, disturbance or reference is not finite, or a limit NaN: the last control,
+    inside those of its limits that are numbers."""
+    NOT_INITIALISED = 4
+    """Some state was never given: as above."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Solution:
+    """The control to apply at t, the plan that it begins, and how good that is."""
+
+    status: Status
+    control: dict[str, Array]
+    """By name, within its limits whatever the status is."""
+    controls: dict[str, Array]
+    """The plan u_0 … u_{N−1} by name, (N, *shape)."""
+    states: dict[str, Array]
+    """x_0 … x_N by name, (N+1, *shape)."""
+    cost: float
+    """J, penalties included; NaN where there is no plan."""
+    residual: float
+    """Largest of the optimality conditions, as `Judge` has them; ∞ without a plan."""
+    violation: float
+    """Of hard limits, relative to their scales."""
+    excess: float
+    """Largest violation of soft limits, relative to their scales."""
+    iterations: int
+    given: Given | None
+    """What it was solved for, for `kkt_residual`; None where nothing was solved."""
+    plan: Plan | None
+    multipliers: Multipliers | None
+
 
 Solver = Literal["c", "python"]
 

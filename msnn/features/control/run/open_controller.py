@@ -10,17 +10,17 @@ from functools import partial
 from backends.files.c_compiler import CompilerMissingError
 from msnn.data.dataset import FloatArray
 from msnn.features.control.errors import export as predictive_control
-from msnn.features.control.kalman.kalman_filter import KalmanFilter
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.trained import trained
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.kalman_filter import KalmanFilter
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.state_estimation import EstimationProblem
+from msnn.features.control.problem.trained import trained
 from msnn.features.control.run.controller import Controller
-from msnn.features.control.run.estimation.moving_horizon import MovingHorizon
 from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
 from msnn.features.control.run.method import Method, Solver
+from msnn.features.control.run.moving_horizon import MovingHorizon
 from msnn.features.control.run.reference_method import ReferenceMethod
 from msnn.model.model import Model
-from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+from msnn.simulation.engines.kernel_check import NO_FALLBACK
 from spec_schema.diagnostics.diagnostic import SpecError, describe
 
 

@@ -7,14 +7,13 @@ from functools import partial
 
 import numpy as np
 
-from msnn.features.control.problem.optimal_control.horizon import Array, Given
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.horizon import Array, Given
+from msnn.features.control.problem.optimal_control import ControlProblem
 from msnn.features.control.run.control_range import ControlRange
+from msnn.features.control.run.interior_point.barrier_problem import Iterate
 from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
 from msnn.features.control.run.interior_point.interior_point import InteriorPoint, Outcome
-from msnn.features.control.run.interior_point.iterate import Iterate
-from msnn.features.control.run.method import Found, Solver
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.method import Found, Solver, Status
 
 _FAR = 1e4
 """A cold start that leads beyond so many scales is no help."""

@@ -10,12 +10,10 @@ from statistics import median
 
 from msnn.features.control.verification.exported_controller import ExportedController
 from msnn.features.control.verification.host import prefixes, promise, selftest_faults
-from msnn.verification.builds.board_build import BoardBuild
-from msnn.verification.builds.boards import Board, board_levels
-from msnn.verification.builds.call_graph import stack_bound
-from msnn.verification.builds.harness import write_template
-from msnn.verification.proof_step import Figures, ProofStep, Result, ToolFailedError
-from msnn.verification.tools import GCC
+from msnn.verification.boards import Board, board_levels
+from msnn.verification.harness import write_template
+from msnn.verification.proof_step import GCC, Figures, ProofStep, Result, ToolFailedError
+from msnn.verification.qemu import BoardBuild, stack_bound
 
 _SECONDS = 600.0
 _NOUNS = {"solve": "solve", "correct": "correction"}

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msnn.verification.exported_c import UNREADABLE, described
-from msnn.verification.sources import CFolder, plain_hash, plain_name
+from msnn.verification.exported_c import UNREADABLE, CFolder, described, plain_hash, plain_name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

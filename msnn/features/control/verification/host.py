@@ -10,25 +10,28 @@ from typing import Any
 import numpy as np
 
 from msnn.features.control.verification.exported_controller import ExportedController, KnownLimits
-from msnn.verification.builds.harness import write_template
-from msnn.verification.host.fuzz import FUZZED, FuzzerFoundError, run_fuzzer
-from msnn.verification.host.host_checks import source_checks
-from msnn.verification.host.levels import (
+from msnn.verification.exported_c import includes
+from msnn.verification.fuzz import FUZZED, FuzzerFoundError, run_fuzzer
+from msnn.verification.harness import write_template
+from msnn.verification.host_builds import (
     LEVELS,
     SANITIZERS,
     STANDARD,
+    SharedObjects,
     levels_check,
     sanitizers_check,
 )
-from msnn.verification.host.shared_objects import SharedObjects
+from msnn.verification.host_checks import source_checks
 from msnn.verification.proof_step import (
+    CLANG,
+    GCC,
+    LIBFUZZER,
     ProofStep,
     Result,
+    Tool,
     ToolFailedError,
     run_tool,
 )
-from msnn.verification.sources import includes
-from msnn.verification.tools import CLANG, GCC, LIBFUZZER, Tool
 
 _RUNS = 400
 """Of drawn numbers, of 8 calls each."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from msnn.errors.targets.boards import no_controller_on_board
+from msnn.errors.targets import no_controller_on_board
 from msnn.features.control.verification.board import online_board_checks
 from msnn.features.control.verification.exported_controller import (
     ExportedController,
@@ -12,9 +12,9 @@ from msnn.features.control.verification.exported_controller import (
     read_exported_controller,
 )
 from msnn.features.control.verification.host import no_proof, online_fuzz_check, online_host_checks
-from msnn.verification.host.host_checks import misra_check
+from msnn.verification.host_checks import misra_check
 from msnn.verification.proof_step import ProofStep
-from msnn.verification.verified_export import VerifiedExport, WantedSteps
+from msnn.verification.verify import VerifiedExport, WantedSteps
 
 
 def _checks(model: ExportedController, wanted: WantedSteps) -> Iterator[ProofStep]:

@@ -8,12 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.features.data_check.dynamics.dependence import Dependence, dependences
-from msnn.features.data_check.dynamics.excitation import Excitation, excitation
-from msnn.features.data_check.dynamics.feedback import feedback
-from msnn.features.data_check.dynamics.impulse_response import Responses, responses
+from msnn.features.data_check.dynamics.arx import feedback
+from msnn.features.data_check.dynamics.excitation import (
+    Dependence,
+    Excitation,
+    dependences,
+    excitation,
+)
+from msnn.features.data_check.dynamics.impulse_response import (
+    Responses,
+    TimeConstants,
+    responses,
+    time_constants,
+)
 from msnn.features.data_check.dynamics.pieces import Piece, pieces_of, rows_of
-from msnn.features.data_check.dynamics.time_constants import TimeConstants, time_constants
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,19 +16,20 @@ import numpy as np
 from backends.files.text_templates import text_templates
 from msnn.data.dataset import BoolArray
 from msnn.data.formats.table_of_formats import FileFormat, format_of
-from msnn.features.data_check.errors.first_specs import few_rows, no_target
-from msnn.features.data_check.first_spec.baseline import Baseline, choose_baseline
+from msnn.features.data_check.errors import few_rows, no_target
+from msnn.features.data_check.first_spec.baseline import Baseline, choose_baseline, roles_of
 from msnn.features.data_check.first_spec.columns import (
     FoundColumn,
     FoundTable,
     columns_of,
     free_name,
 )
-from msnn.features.data_check.first_spec.roles import roles_of
 from msnn.features.data_check.first_spec.time_column import FoundTime, time_of
-from msnn.features.data_check.signals.sampling import follows
+from msnn.features.data_check.sampling import follows
+from msnn.project.new_project import IGNORED, SCHEMA_FILE, project_name, write_project
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.format_spec import format_spec
+from spec_schema.editors.json_schema import json_schema_text
 from spec_schema.yaml_tree.writer import quoted, scalar_text
 
 _FEWEST_ROWS = 40
@@ -306,3 +307,19 @@ def _comment(text: str) -> str:
 
 def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
+
+
+def new_project_from(folder: Path, data: Path, predict: str | None) -> tuple[Path, NewSpec]:
+    """Creates a project for measured data, which are not copied.
+
+    Raises the errors of `new_project` and `spec_from_data`.
+    """
+    name = project_name(folder)
+    spec = spec_from_data(name, data, folder, predict)
+    texts = {
+        f"{name}.msnn.yaml": spec.text,
+        "README.md": text_templates("project").get_template("README_data.md.j2").render(name=name),
+        ".gitignore": IGNORED,
+        SCHEMA_FILE: json_schema_text(),
+    }
+    return write_project(folder, texts), spec

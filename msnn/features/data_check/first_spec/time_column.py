@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.capital_units import CapitalUnit
-from msnn.data.formats.written_units import plain_label
+from msnn.data.formats.written_units import CapitalUnit, plain_label
 from msnn.data.reading.rows import GAP_TOLERANCE
-from msnn.features.data_check.errors.first_specs import falling_time
+from msnn.features.data_check.errors import falling_time
 from msnn.features.data_check.first_spec.columns import FoundColumn, FoundTable
-from msnn.features.data_check.signals.sampling import LONGEST_STEP
+from msnn.features.data_check.sampling import LONGEST_STEP
 from msnn.tables import count
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.units.parser import parse_unit

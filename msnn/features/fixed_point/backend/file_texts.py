@@ -1,4 +1,4 @@
-"""Writes the text of every file of a folder with C in fixed point."""
+"""Writes the text of every file of a fixed-point C export."""
 
 from __future__ import annotations
 
@@ -8,25 +8,29 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from backends.asap2.text import a2l_text
-from backends.c.folder.ffi_texts import ffi_texts
+from backends.c.folder.file_texts import NUMBER, ffi_texts, package_texts
 from backends.c.folder.header_text import about_text, defined, origin
-from backends.c.folder.package_texts import NUMBER, package_texts
 from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
-from backends.c_language.layout import comment
 from backends.c_language.printer import Printer
-from backends.c_language.rendering import render
+from backends.c_language.rendering import comment, render
 from backends.c_language.tree import Function
 from backends.files.export_identity import OPEN, with_identity, with_manifest
-from msnn.features.fixed_point.backend.calibrated_model import calibrated_model
 from msnn.features.fixed_point.backend.functions import FixedFunctions
-from msnn.features.fixed_point.backend.names import FixedNames, fixed_names, fixed_printer
-from msnn.features.fixed_point.backend.selftest.golden_files import (
+from msnn.features.fixed_point.backend.selftest import (
     SELFTEST_STEPS,
     selftest_functions,
     test_texts,
 )
-from msnn.features.fixed_point.backend.structs import port_facts, real_type, structs
-from msnn.features.fixed_point.deviation.deviation import OutputError
+from msnn.features.fixed_point.backend.structs import (
+    FixedNames,
+    calibrated_model,
+    fixed_names,
+    fixed_printer,
+    port_facts,
+    real_type,
+    structs,
+)
+from msnn.features.fixed_point.deviation import OutputError
 from msnn.features.fixed_point.integers.interpret import FixedStatus
 from msnn.features.fixed_point.integers.program import IntegerProgram, StepError, WordPort
 
@@ -43,7 +47,7 @@ _MEANING = {
 def file_texts(
     program: IntegerProgram, prefix: str, errors: Sequence[OutputError]
 ) -> dict[str, str]:
-    """Texts by path in the folder, the same bytes for the same program."""
+    """The text of each file, by its path in the folder; the same program gives the same bytes."""
     names = fixed_names(program, prefix)
     # `fixed_names` may have numbered a prefix that is a word of C: every file takes the one it gave
     prefix = names.prefix
@@ -69,7 +73,7 @@ def file_texts(
 def step_texts(
     program: IntegerProgram, prefix: str, errors: Sequence[OutputError] = ()
 ) -> dict[str, str]:
-    """The files that a program needs which calls the code: headers, sources, description, FFI."""
+    """The files for a program that calls the code: headers, sources, description, FFI."""
     names = fixed_names(program, prefix)
     prefix = names.prefix
     # the functions come first: the helpers that `definitions` prints are those that they called

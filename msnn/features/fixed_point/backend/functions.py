@@ -8,11 +8,16 @@ from backends.c.interface.structs import step_text
 from backends.c_language import tree as c
 from backends.c_language.places import Index
 from backends.c_language.scope import BlockScope, LocalNames
-from msnn.features.fixed_point.backend.checked_words import check_input, check_window, word_of
 from msnn.features.fixed_point.backend.helpers import FixedHelpers
 from msnn.features.fixed_point.backend.integer_nodes import IntegerLeafSource, IntegerNodes
-from msnn.features.fixed_point.backend.memories import MemoryWriter, element
-from msnn.features.fixed_point.backend.names import FixedNames
+from msnn.features.fixed_point.backend.memories import (
+    MemoryWriter,
+    check_input,
+    check_window,
+    element,
+    word_of,
+)
+from msnn.features.fixed_point.backend.structs import FixedNames
 from msnn.features.fixed_point.integers.interpret import FixedStatus, initial
 from msnn.features.fixed_point.integers.program import (
     ExpectedWords,
@@ -22,11 +27,12 @@ from msnn.features.fixed_point.integers.program import (
 )
 
 _FILLS, _WAITS, _INITIALISED = 1, 2, 4
-"""Bits of the field `ready`: buffers wait for their first sample, states for reset; it was set."""
+"""Bits of the field `ready`: buffers wait for their first sample, states wait for `reset`, and the
+struct was initialised."""
 
 
 class FixedFunctions:
-    """The functions of one program, with the helpers that they share."""
+    """Writes the functions of one program and the helpers that they share."""
 
     def __init__(self, program: IntegerProgram, names: FixedNames) -> None:
         self._program, self._names = program, names
@@ -35,11 +41,14 @@ class FixedFunctions:
         self._waits = any(m.from_record and m.first_fills is None for m in program.memories)
 
     def all(self) -> dict[str, c.Function]:
-        """By name; what they call is known afterwards."""
+        """The functions by name.
+
+        Call this before `definitions`, which lists the helpers they call.
+        """
         return {"init": self._init(), "reset": self._reset(), "step": self._step()}
 
     def definitions(self) -> tuple[c.Function, ...]:
-        """The helpers that they call."""
+        """The helper functions that `init`, `reset` and `step` call."""
         return self._helpers.definitions()
 
     def status_bits(self) -> list[FixedStatus]:
@@ -158,7 +167,7 @@ class FixedFunctions:
         return self._function("step", f"{prefix}_status_t", arguments, scope, doc)
 
     def _first_step(self, scope: BlockScope) -> None:
-        """Buffers that `init` could not fill take the first sample for all samples."""
+        """Fills the buffers that `init` could not fill with copies of the first sample."""
         statements: list[c.Statement] = []
         if self._has_state:
             # states wait for `reset`, or nobody has called `init`
@@ -187,7 +196,7 @@ class FixedFunctions:
             scope.add(c.If(unready, tuple(statements)))
 
     def _expected(self, entry: ExpectedWords, nodes: IntegerNodes, scope: BlockScope) -> None:
-        """Reports an equation that is outside its range; the step uses the end of the range."""
+        """Reports an equation that leaves its range; the step continues with the limited value."""
         scope.note(f"expected of {entry.name}")
         report = self._bits(FixedStatus.EQUATION_OUT_OF_RANGE)
         for node, low, high in zip(entry.nodes, entry.low, entry.high, strict=True):
@@ -199,7 +208,11 @@ class FixedFunctions:
             scope.add(c.If(c.Binary("||", below, above), (report,)))
 
     def _loaded(self) -> frozenset[int]:
-        """Reads that the commits need, but for those that move a buffer by samples in place."""
+        """The nodes that read memory values needed after a memory was overwritten.
+
+        They are read into local variables first. A buffer that shifts by samples in place needs
+        none.
+        """
         found: set[int] = set()
         for memory in self._program.memories:
             for index, node in enumerate(memory.next):
@@ -261,4 +274,4 @@ _POLICY_BITS = {
     "hold": FixedStatus.HELD,
     "flag": FixedStatus.OUT_OF_RANGE | FixedStatus.CLAMPED,
 }
-"""What an invalid input sets; by the other policies it is CLAMPED."""
+"""The status bits that an invalid input sets, by policy; all other policies set CLAMPED."""

@@ -1,4 +1,4 @@
-"""Writes the small functions of C in fixed point: limits, shifts, tables."""
+"""Writes the helper functions of fixed-point C: limits, shifts, table interpolation."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from backends.c_language import tree as c
 
 
 class FixedHelpers:
-    """Spells calls and remembers what was called."""
+    """Writes calls of helper functions and records which helpers were called."""
 
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
         self._used: dict[str, Callable[[], c.Function]] = {}
 
     def limited(self, x: c.Expression, low: int, high: int) -> c.Expression:
-        """x moved to the nearest limit."""
+        """Limits x to the range low … high."""
         return self._call("limited", self._limited, (x, c.Integer(low), c.Integer(high)))
 
     def rounded(self, x: c.Expression, bits: int) -> c.Expression:
@@ -23,14 +23,14 @@ class FixedHelpers:
         return self._call(f"rounded_{bits}", lambda: self._rounded(bits), (x,))
 
     def interpolated(self, table: c.Expression, distance: c.Expression, bits: int) -> c.Expression:
-        """The value of a table with cells of 2^bits, at a distance from its first place."""
+        """Interpolates in a table with cells of 2^bits, at a distance from its first point."""
         if bits > 0:
             self.rounded(distance, bits)  # the definition calls it: it is to stand before
         name = f"interpolated_{bits}"
         return self._call(name, lambda: self._interpolated(bits), (table, distance))
 
     def definitions(self) -> tuple[c.Function, ...]:
-        """The helpers that were called, each after those that it calls."""
+        """The called helpers, each after the helpers that it calls."""
         # a dict keeps the order of first calls: a helper that another calls was called before it
         return tuple(make() for make in self._used.values())
 
@@ -50,8 +50,10 @@ class FixedHelpers:
         return self._function("limited", arguments, body, "x moved to the nearest limit.")
 
     def _rounded(self, bits: int) -> c.Function:
-        """A right shift of a negative number would be each compiler's own affair; the division is
-        exact, so that compilers make it that shift."""
+        """Writes an exact division, as C leaves right shifts of negative numbers to the compiler.
+
+        Compilers turn the division into a shift.
+        """
         x, raised, pattern, low_bits, rest = (
             c.Name(text) for text in ("x", "raised", "pattern", "low_bits", "rest")
         )

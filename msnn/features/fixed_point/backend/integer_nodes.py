@@ -1,9 +1,9 @@
-"""Writes integer nodes as C: a constant a node, long sums over neighbours in memory as loops."""
+"""Writes integer nodes as C: one constant per node, loops for long sums over adjacent memory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import assert_never
 
 from backends.c_language import tree as c
@@ -12,32 +12,37 @@ from backends.c_language.scope import BlockScope
 from backends.c_lowering.spec_notes import span_text
 from backends.c_lowering.sums import in_blocks
 from msnn.features.fixed_point.backend.helpers import FixedHelpers
-from msnn.features.fixed_point.backend.loops import matrix_products, neighbours
 from msnn.features.fixed_point.integers import program as integer
+from msnn.features.fixed_point.integers.program import (
+    IntegerNode,
+    ReadMemory,
+    ReadWord,
+    WeightedSum,
+)
 
 _SHORT = 3
-"""Terms of a sum that is written as one expression."""
+"""Maximum number of terms of a sum that is written as one expression."""
 
 _BLOCK = 4
-"""Terms of a long sum in one turn of its loop."""
+"""Number of terms that one iteration of a loop adds to a long sum."""
 
 
 @dataclass(frozen=True, slots=True)
 class IntegerLeafSource:
-    """Finds the leaves of a graph of integers."""
+    """Writes the leaves of an integer graph: elements of ports and memories."""
 
     word: Callable[[str, Index], c.Expression]
-    """An element of a port."""
+    """The expression for an element of a port."""
     memory: Callable[[str, Index], c.Expression]
-    """An element of a memory."""
+    """The expression for an element of a memory."""
     wide: frozenset[str] = frozenset()
-    """Memories that are kept as sums."""
+    """Names of memories stored with the bits of a sum instead of a word."""
     loaded: frozenset[int] = frozenset()
-    """Reads of memories that are needed after a memory has changed."""
+    """Nodes that read a memory and are needed after that memory was overwritten."""
 
 
 class IntegerNodes:
-    """The nodes of one graph in one function."""
+    """Writes the nodes of one graph in one function."""
 
     def __init__(
         self,
@@ -62,7 +67,7 @@ class IntegerNodes:
         }
 
     def write(self) -> None:
-        """Declares all nodes that are not written where they are used."""
+        """Declares every node that is not written inline in the expression that uses it."""
         for index, node in enumerate(self._nodes):
             # the rows of a product are written together, where the first of them stands
             if self.is_inline(index) or (index in self._rows and index not in self._products):
@@ -81,11 +86,11 @@ class IntegerNodes:
                 self._scope.add(c.Declare(c.CType.SUM, f"n{index}", value, constant=True))
 
     def node(self, index: int) -> integer.IntegerNode:
-        """A node of the graph."""
+        """The graph node with this index."""
         return self._nodes[index]
 
     def value(self, index: int) -> c.Expression:
-        """A node where it is used, as a sum."""
+        """The expression for a node, in the type of sums."""
         if index in self._rows:
             first, place = self._rows[index]
             # rows of a product are elements of the array that the first of them declared
@@ -93,7 +98,7 @@ class IntegerNodes:
         return self._leaf(self._nodes[index]) if self.is_inline(index) else c.Name(f"n{index}")
 
     def as_word(self, index: int) -> c.Expression:
-        """A node that fits a word, as one."""
+        """The expression for a node that fits a word, in the type of words."""
         op = self._nodes[index].op
         match op:
             case integer.ReadWord() | integer.ReadMemory() if self.is_inline(
@@ -104,7 +109,7 @@ class IntegerNodes:
                 return c.Convert(c.CType.WORD, self.value(index))
 
     def element(self, op: integer.ReadWord | integer.ReadMemory, at: Index) -> c.Expression:
-        """The element at another place of what a read reads."""
+        """The element `at` of the port or memory that the operation `op` reads."""
         match op:
             case integer.ReadWord(port):
                 return self._surroundings.word(port, at)
@@ -114,7 +119,7 @@ class IntegerNodes:
                 assert_never(op)
 
     def is_inline(self, index: int) -> bool:
-        """Whether a node is written where it is used."""
+        """True if the node is written inline in the expressions that use it."""
         op = self._nodes[index].op
         # once its memory has moved a read would find the next state: those are kept in a constant
         if isinstance(op, integer.ReadMemory):
@@ -166,7 +171,7 @@ class IntegerNodes:
                 assert_never(node.op)
 
     def _write_product(self, rows: tuple[int, ...]) -> None:
-        """Rows of a matrix product, each in the order of its terms as if it stood alone."""
+        """Writes the rows of a matrix product. Each sums its terms in their original order."""
         scope, first = self._scope, rows[0]
         args = self._nodes[first].args
         # operands in an array of their own: the inner loop runs along two arrays of words
@@ -194,7 +199,7 @@ class IntegerNodes:
             inner.assign(c.Element(sums, row.expression()), total)
 
     def _write_sum(self, name: c.Name, op: integer.WeightedSum, args: Sequence[int]) -> None:
-        """The sum in its order: what one order keeps within bounds, another one might not."""
+        """Writes the sum in its given order; in another order, partial sums might overflow."""
         total = _Total(name, op.constant, self._scope)
         for begin, count in neighbours([self._nodes[arg] for arg in args]):
             first = self._nodes[args[begin]].op
@@ -207,7 +212,7 @@ class IntegerNodes:
     def _add_neighbours(
         self, total: _Total, weights: tuple[int, ...], first: integer.ReadWord | integer.ReadMemory
     ) -> None:
-        """Adds elements that lie next to each other in a loop."""
+        """Adds elements that are adjacent in memory, with a loop."""
         total.begin()
         # equal weights, as of a mean, need no table
         table = self._table(weights) if len(set(weights)) > 1 else None
@@ -225,7 +230,7 @@ class IntegerNodes:
         in_blocks(len(weights), _BLOCK, self._scope, add)
 
     def _table(self, values: tuple[int, ...]) -> c.Name:
-        """The table with these values, declared before it is used."""
+        """The constant table with these values; it is declared before its first use."""
         if values not in self._tables:
             name = c.Name(f"table_{len(self._tables) + 1}")
             # words take half the flash of sums
@@ -238,7 +243,7 @@ class IntegerNodes:
 
 
 class _Total:
-    """A sum that grows term by term in a variable."""
+    """Variable that accumulates a sum, term by term."""
 
     def __init__(self, name: c.Name, constant: int, scope: BlockScope) -> None:
         self._name, self._scope = name, scope
@@ -247,12 +252,12 @@ class _Total:
             self._declare(c.Integer(constant))
 
     def begin(self) -> None:
-        """Begins with 0 where nothing was added yet."""
+        """Initialises the variable with 0 if no term was added yet."""
         if not self._begun:
             self._declare(c.Integer(0))
 
     def add(self, sign: str, term: c.Expression, scope: BlockScope) -> None:
-        """Adds or subtracts a term in a block."""
+        """Adds or subtracts a term, in a block of statements."""
         if self._begun:
             scope.assign(self._name, c.Binary(sign, self._name, term))
         else:
@@ -264,7 +269,7 @@ class _Total:
 
 
 def _term(coefficient: int, value: c.Expression) -> tuple[str, c.Expression]:
-    """Sign and size of a product."""
+    """The sign of a product, and the product of the absolute values."""
     size = abs(coefficient)
     term = value if size == 1 else c.Binary("*", c.Integer(size), value)
     return ("-" if coefficient < 0 else "+"), term
@@ -279,3 +284,63 @@ def _sum(constant: int, coefficients: Sequence[int], args: Sequence[c.Expression
         else:
             total = c.Binary(sign, total, term)
     return c.Integer(0) if total is None else total
+
+
+_FEWEST_READS = 8
+"""Minimum number of elements for which a loop is shorter than separate statements."""
+
+_TERM, _COEFFICIENT, _LOOP = 8, 2, 64
+"""Bytes of code on Cortex-M0 (gcc 12 -Os) of a written-out term, of a coefficient in a table and,
+roughly, of two loops."""
+
+_FEWEST_TERMS = 4
+"""Minimum number of terms of a row; shorter sums are one expression."""
+
+
+def neighbours(nodes: Sequence[IntegerNode]) -> Iterator[tuple[int, int]]:
+    """First index and length of each group of nodes that read ascending elements.
+
+    Groups that are too short for a loop are split into single nodes.
+    """
+    begin = 0
+    while begin < len(nodes):
+        end = begin + 1
+        while end < len(nodes) and _follows(nodes[end - 1], nodes[end]):
+            end += 1
+        if end - begin >= _FEWEST_READS:
+            yield begin, end - begin
+        else:
+            yield from ((place, 1) for place in range(begin, end))
+        begin = end
+
+
+def _follows(before: IntegerNode, after: IntegerNode) -> bool:
+    op = before.op
+    return isinstance(op, ReadWord | ReadMemory) and after.op == replace(op, index=op.index + 1)
+
+
+def matrix_products(nodes: Sequence[IntegerNode], largest_word: int) -> dict[int, tuple[int, ...]]:
+    """All rows of each matrix product in their order, by the index of its first row.
+
+    All rows have the same operands in the same order, so all can be computed at the first row.
+    """
+    rows: dict[tuple[int, ...], list[int]] = {}
+    for index, node in enumerate(nodes):
+        op = node.op
+        if isinstance(op, WeightedSum) and len(node.args) >= _FEWEST_TERMS:
+            in_words = all(abs(coefficient) <= largest_word for coefficient in op.coefficients)
+            if in_words and all(_is_word(nodes[arg], largest_word) for arg in node.args):
+                rows.setdefault(node.args, []).append(index)
+    return {
+        found[0]: tuple(found) for args, found in rows.items() if _is_shorter(len(found), len(args))
+    }
+
+
+def _is_word(node: IntegerNode, largest_word: int) -> bool:
+    return -largest_word <= node.low and node.high <= largest_word
+
+
+def _is_shorter(rows: int, terms: int) -> bool:
+    """True if a loop takes less code. Copying an operand to an array costs about one term."""
+    as_loop = _LOOP + terms * _TERM + rows * terms * _COEFFICIENT
+    return rows > 1 and as_loop < rows * terms * _TERM

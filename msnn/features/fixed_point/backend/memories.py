@@ -1,4 +1,4 @@
-"""Writes how memories begin, are filled by a first sample, and take their next values."""
+"""Writes initial values and updates of memories, and the treatment of words out of range."""
 
 from __future__ import annotations
 
@@ -10,28 +10,29 @@ from backends.c_language.scope import BlockScope
 from backends.c_lowering.sums import in_blocks
 from compiler.ir.types import Axis
 from msnn.features.fixed_point.backend.helpers import FixedHelpers
-from msnn.features.fixed_point.backend.integer_nodes import IntegerNodes
-from msnn.features.fixed_point.backend.loops import neighbours
-from msnn.features.fixed_point.backend.names import FixedNames
+from msnn.features.fixed_point.backend.integer_nodes import IntegerNodes, neighbours
+from msnn.features.fixed_point.backend.structs import FixedNames
 from msnn.features.fixed_point.integers.program import (
+    CheckedInput,
     IntegerMemory,
     IntegerNode,
     IntegerProgram,
     ReadMemory,
     ReadWord,
+    WordPort,
 )
 
 _BLOCK = 4
-"""Samples that one turn of a loop moves."""
+"""Samples that one iteration of a loop copies."""
 
 
 def element(base: c.Expression, axes: Sequence[Axis], at: Index) -> c.Expression:
-    """An element in C order; a scalar has one, itself."""
+    """The element at an index in C order; for a scalar, the variable itself."""
     return c.Element(base, at.expression()) if axes else base
 
 
 class MemoryWriter:
-    """Statements about memories in one block of a function."""
+    """Writes statements about memories in one block of a function."""
 
     def __init__(
         self, program: IntegerProgram, names: FixedNames, helpers: FixedHelpers, scope: BlockScope
@@ -44,7 +45,7 @@ class MemoryWriter:
         return element(c.Member("s", self._names.memories[memory.name]), memory.axes, at)
 
     def set(self, memory: IntegerMemory, values: Sequence[int]) -> None:
-        """Sets a memory to numbers."""
+        """Sets a memory to constant values."""
         if memory.axes and len(set(values)) == 1:
             # an array of one value, mostly zeros, takes a loop: its turns written out would cost
             # flash
@@ -55,7 +56,7 @@ class MemoryWriter:
             self._scope.assign(self.element(memory, Index(index)), _known(memory, value))
 
     def fill(self, memory: IntegerMemory, words: Sequence[c.Expression]) -> None:
-        """Makes all samples of each row equal to a word."""
+        """Fills each row with copies of its word."""
         # C order with time last, (rows, samples): each row has one newest word
         samples = memory.size // len(words)
         for row, word in enumerate(words):
@@ -63,7 +64,7 @@ class MemoryWriter:
                 inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
 
     def start(self, memory: IntegerMemory, nodes: IntegerNodes, saturated: c.Statement) -> None:
-        """Sets a memory to what the start made; `saturated` reports what was too large."""
+        """Sets a memory to its start; `saturated` runs if a value exceeds the limits."""
         for begin, count in neighbours([self._program.start[node] for node in memory.start]):
             if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
                 for index in range(begin, begin + count):
@@ -76,9 +77,9 @@ class MemoryWriter:
         saturated: c.Statement,
         restart: Sequence[int] | None = None,
     ) -> None:
-        """Replaces a memory by its next value; `saturated` reports one that was too large.
+        """Updates a memory; the statement `saturated` runs if a next value exceeds its limits.
 
-        It becomes `restart` then, where that is given, all elements together.
+        With `restart`, all elements of such a memory are then set to `restart`.
         """
         graph = self._program.step
         if restart is None or all(_fits(memory, graph[node]) for node in memory.next):
@@ -113,7 +114,7 @@ class MemoryWriter:
         nodes: IntegerNodes,
         too_large: tuple[c.Statement, ...],
     ) -> None:
-        """Sets one element to a node; what is done where the node is beyond its limits."""
+        """Sets one element to a node; the statements `too_large` run if it exceeds its limits."""
         found, target = nodes.node(node), self.element(memory, Index(index))
         self._scope.assign(target, self._stored(nodes, node, memory, found))
         if not _fits(memory, found):
@@ -130,7 +131,10 @@ class MemoryWriter:
         count: int,
         nodes: IntegerNodes,
     ) -> bool:
-        """Writes neighbours that only move as a loop, if it can be one; the first is read first."""
+        """Writes a loop if these elements are only copied; returns False if no loop is possible.
+
+        The loop runs in ascending order.
+        """
         moved = elements[begin : begin + count]
         op = graph[moved[0]].op
         whole = all(nodes.is_inline(node) and _fits(memory, graph[node]) for node in moved)
@@ -149,7 +153,7 @@ class MemoryWriter:
     def _stored(
         self, nodes: IntegerNodes, node: int, memory: IntegerMemory, found: IntegerNode
     ) -> c.Expression:
-        """A node as a memory keeps it: within its limits, in its type."""
+        """The node, limited and converted to the type of the memory."""
         if _fits(memory, found):
             return nodes.value(node) if memory.wide else nodes.as_word(node)
         limited = self._helpers.limited(nodes.value(node), memory.low, memory.high)
@@ -162,3 +166,78 @@ def _fits(memory: IntegerMemory, found: IntegerNode) -> bool:
 
 def _known(memory: IntegerMemory, value: int) -> c.Expression:
     return c.Integer(value) if memory.wide else c.Convert(c.CType.WORD, c.Integer(value))
+
+
+def word_of(port: WordPort, field: str, at: Index) -> c.Expression:
+    """The element at this index of the local variable with the words of a port."""
+    return element(c.Name(f"w_{field}"), port.axes, at)
+
+
+def check_window(
+    port: WordPort, field: str, report: c.Statement, helpers: FixedHelpers, scope: BlockScope
+) -> None:
+    """Limits the words of a window for `reset` to their range; `report` runs if one was outside."""
+    _check(port, c.Member("x0", field), field, None, (report, helpers, scope))
+
+
+def check_input(
+    entry: CheckedInput,
+    names: FixedNames,
+    report: c.Statement,
+    helpers: FixedHelpers,
+    scope: BlockScope,
+) -> None:
+    """Checks the words of an input for `step`; `report` runs if one is out of range."""
+    port, field = entry.port, names.inputs[entry.port.name]
+    held = names.held.get(port.name)
+    kept = None if held is None else c.Member("s", held)
+    _check(port, c.Member("u", field), field, kept, (report, helpers, scope))
+
+
+def _check(
+    port: WordPort,
+    given: c.Expression,
+    field: str,
+    held: c.Expression | None,
+    writing: tuple[c.Statement, FixedHelpers, BlockScope],
+) -> None:
+    report, helpers, scope = writing
+    local = f"w_{field}"
+    if port.axes:
+        scope.add(c.Declare(c.CType.WORD, local, size=port.size))
+        with scope.loop(port.size) as (along, inner):
+            # the local is what the step reads: the caller's struct is const and may be shared by
+            # models
+            word = word_of(port, field, along)
+            raw = c.Element(given, along.expression())
+            inner.assign(word, _limited(raw, port, helpers))
+            kept = None if held is None else c.Element(held, along.expression())
+            _replace(word, raw, kept, report, inner)
+        return
+    limited = _limited(given, port, helpers)
+    scope.add(c.Declare(c.CType.WORD, local, limited, constant=held is None))
+    _replace(c.Name(local), given, held, report, scope)
+
+
+def _replace(
+    word: c.Expression,
+    raw: c.Expression,
+    held: c.Expression | None,
+    report: c.Statement,
+    scope: BlockScope,
+) -> None:
+    """Reports a word that was limited. With the policy `hold`, the last valid word replaces it."""
+    inner = scope.inner()
+    if held is not None:
+        inner.assign(word, held)
+    inner.add(report)
+    scope.add(c.If(c.Binary("!=", word, raw), tuple(inner.statements)))
+    if held is not None:
+        # in any case: a valid word is what the next step holds, an invalid one was replaced by it
+        scope.assign(held, word)
+
+
+def _limited(raw: c.Expression, port: WordPort, helpers: FixedHelpers) -> c.Expression:
+    return c.Convert(
+        c.CType.WORD, helpers.limited(c.Convert(c.CType.SUM, raw), port.low, port.high)
+    )

@@ -1,21 +1,25 @@
-"""Lays out the structs of the header in fixed point, and describes ports: scale, limits, macros."""
+"""Lays out the structs in fixed point: names, types, ports, and variables to calibrate."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+from backends.asap2.objects import CalibratedModel, MemoryObject, Scale, Storage, Struct
 from backends.c.interface.structs import READY, outputs_text
-from backends.c_language.layout import comment
+from backends.c_language.printer import Printer
+from backends.c_language.rendering import comment
 from backends.c_lowering.spec_notes import span_text
-from compiler.ir.types import Axis
-from msnn.features.fixed_point.backend.names import FixedNames
+from backends.ports.identifiers import c_identifier
+from compiler.ir.types import WINDOW, Axis
+from msnn.features.fixed_point.integers.interpret import FixedStatus
 from msnn.features.fixed_point.integers.program import IntegerMemory, IntegerProgram, WordPort
 
 
 def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
-    """All struct types; each field has its declaration and its description as data."""
+    """All struct types; each field has its declaration and its description."""
     word = f"{names.prefix}_word_t"
     state = [
         _field(m, names.memories[m.name], f"{names.prefix}_sum_t" if m.wide else word)
@@ -39,7 +43,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
 
 
 def _port_comment(port: WordPort | IntegerMemory) -> str:
-    """Unit, limits, scale, meaning and place in the spec."""
+    """Unit, limits, scale, description and spec position of a port."""
     unit = f"[{port.unit.text}] " if port.unit is not None else ""
     # exact: a word of 32 bits times a power of two is a double
     low, high = (math.ldexp(limit, -port.fraction) for limit in (port.low, port.high))
@@ -92,7 +96,7 @@ def _struct(name: str, text: str, fields: list[dict[str, Any]]) -> dict[str, Any
 
 
 def port_facts(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
-    """The facts that templates show of every input, output and sample around the start."""
+    """The properties that templates show of each input, output and sample around the start."""
     listed = [
         *(("input", e.port, names.inputs[e.port.name]) for e in program.inputs),
         *(("output", port, names.outputs[port.name]) for port, _ in program.outputs),
@@ -125,7 +129,113 @@ def _facts(
 
 
 def real_type(program: IntegerProgram) -> dict[str, str]:
-    """The floating-point type that holds every word of a width, and numbers of it."""
+    """The floating-point type that represents every word exactly, and constants of this type."""
     if program.width.word == 16:
         return {"real": "float", "zero": "0.0F", "half": "0.5F"}
     return {"real": "double", "zero": "0.0", "half": "0.5"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedNames:
+    """C identifiers by the names of the spec; each dict is one struct."""
+
+    model: str
+    """Name of the program."""
+    prefix: str
+    inputs: dict[str, str]
+    outputs: dict[str, str]
+    windows: dict[str, str]
+    memories: dict[str, str]
+    held: dict[str, str]
+    ready: str
+
+    @property
+    def macro(self) -> str:
+        return self.prefix.upper()
+
+    @property
+    def takes_parameters(self) -> bool:
+        """Always False: weights are constants in the code."""
+        return False
+
+    def status(self, bit: FixedStatus) -> str:
+        """The macro of a status bit."""
+        assert bit.name is not None
+        return f"{self.macro}_STATUS_{bit.name}"
+
+
+def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
+    """Chooses names that neither C nor the headers use."""
+    prefix = c_identifier(prefix, set())
+    # one set a struct: members of different structs may share a name in C
+    ins, outs, wins, mems = (set[str]() for _ in range(4))
+    # before the memories: a state that is called so gives way
+    ready = c_identifier("ready", mems)
+    return FixedNames(
+        model=program.name,
+        prefix=prefix,
+        inputs={e.port.name: c_identifier(e.port.name, ins) for e in program.inputs},
+        outputs={port.name: c_identifier(port.name, outs) for port, _ in program.outputs},
+        windows={port.name: c_identifier(port.name, wins) for port in program.windows},
+        memories={memory.name: c_identifier(memory.name, mems) for memory in program.memories},
+        # held words lie in the state struct, among the memories, and so take names from their set
+        held={
+            e.port.name: c_identifier(f"{e.port.name}.held", mems)
+            for e in program.inputs
+            if e.policy == "hold"
+        },
+        ready=ready,
+    )
+
+
+def fixed_printer(program: IntegerProgram, names: FixedNames) -> Printer:
+    """Prints C with the program's types."""
+    sum_bits = 64 if program.width.sum == 64 else 32
+    return Printer(names.prefix, sum_bits=sum_bits, places_tables=True)
+
+
+_STORAGES: dict[int, Storage] = {16: "SWORD", 32: "SLONG", 64: "A_INT64"}
+
+
+def calibrated_model(program: IntegerProgram, names: FixedNames) -> CalibratedModel:
+    """Inputs, outputs and states in physical units.
+
+    Weights are constants in the code, and buffers are omitted.
+    """
+    return CalibratedModel(
+        name=program.name,
+        prefix=names.prefix,
+        doc=program.doc,
+        version=program.spec_hash,
+        objects=tuple(_objects(program, names)),
+        remark="Parameters are numbers in the code.",
+    )
+
+
+def _objects(program: IntegerProgram, names: FixedNames) -> Iterable[MemoryObject]:
+    word, wide = program.width.word, program.width.sum
+    for entry in program.inputs:
+        yield _object(entry.port, "in", names.inputs[entry.port.name], word)
+    for port, _ in program.outputs:
+        yield _object(port, "out", names.outputs[port.name], word)
+    for memory in program.memories:
+        # buffers move every step: at a fixed address a tool would see another sample each time
+        if all(axis.name != WINDOW for axis in memory.axes):
+            bits = wide if memory.wide else word
+            yield _object(memory, "state", names.memories[memory.name], bits)
+
+
+def _object(port: WordPort | IntegerMemory, struct: Struct, member: str, bits: int) -> MemoryObject:
+    # a power of two: physical limits below are exact
+    factor = math.ldexp(1.0, -port.fraction)
+    return MemoryObject(
+        name=port.name,
+        member=member,
+        struct=struct,
+        doc=port.doc,
+        axes=tuple((axis.name, axis.size) for axis in port.axes),
+        scale=Scale("" if port.unit is None else port.unit.text, factor),
+        low=port.low * factor,
+        high=port.high * factor,
+        storage=_STORAGES[bits],
+    )

@@ -1,1 +1,1 @@
-"""Compiles a program to integers, and bounds what a step adds to the errors."""
+"""Compiles a program to integers, and bounds the error that one step adds."""

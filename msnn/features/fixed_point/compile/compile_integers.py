@@ -1,59 +1,53 @@
-"""Makes the integer program of a model: formats of what goes in, stays and comes out."""
+"""Makes the integer program of a model: formats of inputs, states and outputs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from numpy.typing import NDArray
 
-from compiler.ir.liveness import extents, reads_log
+from compiler.ir.nodes import extents, reads_log
 from compiler.ir.ops import ReadLog, ReadSignal, Window
-from compiler.ir.program import (
-    Expected,
-    History,
-    Node,
-    Output,
-    Program,
-    Signal,
-    State,
-)
+from compiler.ir.program import Expected, History, Node, Output, Program, Signal, State
 from compiler.ir.types import WINDOW, Axis
 from msnn.features.fixed_point import errors
-from msnn.features.fixed_point.compile.constants import finite, with_numbers, word_format
+from msnn.features.fixed_point.compile.constants import with_numbers
 from msnn.features.fixed_point.compile.invariants import proved_bounds
-from msnn.features.fixed_point.compile.lowering.lower_graph import (
+from msnn.features.fixed_point.compile.lower_graph import (
     Elements,
     Lowering,
     UnsupportedError,
     elements,
 )
-from msnn.features.fixed_point.compile.step_errors import start_errors, step_errors
-from msnn.features.fixed_point.integers.builder import CannotFitError
-from msnn.features.fixed_point.integers.drop_unused import without_unused
+from msnn.features.fixed_point.compile.word_formats import finite, word_format
+from msnn.features.fixed_point.integers.builder import CannotFitError, IntegerBuilder
 from msnn.features.fixed_point.integers.program import (
     CheckedInput,
     ExpectedWords,
     IntegerMemory,
     IntegerProgram,
     ReadWord,
+    StepError,
     Width,
     WordPort,
+    without_unused,
 )
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _MOST_NODES = 20_000
-"""Integer operations of a step; more would fill the flash of any core without an FPU."""
+"""Maximum number of integer operations per step; more would fill the flash of any core without an
+FPU."""
 
 
 def integer_program(
     program: Program, weights: Mapping[str, NDArray[Any]], width: Width
 ) -> IntegerProgram:
-    """The program in integers, with `weights` as its numbers.
+    """The integer program, with `weights` as its constants.
 
     `program` is in step form without losses. Raises SpecError for a value without bounds, an
-    operation that fixed point lacks, and what could overflow.
+    unsupported operation or a possible overflow.
     """
     program = with_numbers(program, weights)
     try:
@@ -63,7 +57,7 @@ def integer_program(
 
 
 class _Compilation:
-    """One program on its way to integers."""
+    """State of the compilation of one program."""
 
     def __init__(self, program: Program, width: Width) -> None:
         self.program, self.width = program, width
@@ -130,7 +124,7 @@ class _Compilation:
         return [signal for signal in self.program.signals if signal.name in names]
 
     def _range(self, signal: Signal) -> tuple[float, float] | None:
-        """The range of a signal; the record of a state has the state's."""
+        """The range of a signal; a recorded state without its own range has that of the state."""
         states = {state.name: state.range for state in self.program.states}
         return signal.range or states.get(signal.name)
 
@@ -192,7 +186,10 @@ class _Compilation:
         raise AssertionError("a start reads no state")
 
     def _bound_states(self, starts: Lowering) -> None:
-        """Formats of all states but of buffers of equations, which follow what they keep."""
+        """Chooses the formats of all states except buffers of equations.
+
+        A buffer of an equation has the format of the equation's value.
+        """
         unknown: list[State] = []
         for state in self.program.states:
             limits = finite(state.range)
@@ -218,7 +215,7 @@ class _Compilation:
             self.formats[state.name] = word_format(-reach, reach, bits)
 
     def _is_word(self, state: State) -> bool:
-        """Buffers keep words; a state that is summed up keeps all bits of a sum of words."""
+        """True if the state is stored as words. Other 16-bit states keep all bits of a sum."""
         return self.width.word >= 32 or state.is_buffer
 
     def _state_words(self, lowering: Lowering, name: str) -> Elements:
@@ -236,7 +233,7 @@ class _Compilation:
         return self.values[key]
 
     def _kept_format(self, lowering: Lowering, state: State) -> tuple[int, int, int]:
-        """The format of a buffer of an equation: that of the value that it takes."""
+        """The format of a buffer of an equation, which is that of the equation's value."""
         newest = next(
             node.args[0]
             for _, node in self.program.step
@@ -275,7 +272,7 @@ class _Compilation:
         )
 
     def _filling(self, state: State, step: Lowering) -> tuple[str, tuple[int, ...]] | None:
-        """The input words that fill a buffer of an input; None for any other memory."""
+        """The port and elements whose words fill a buffer of an input; None for other memories."""
         if not isinstance(state.origin, History) or not state.is_buffer:
             return None
         samples = state.axes[-1].size
@@ -308,7 +305,7 @@ class _Compilation:
 
 
 def _expected_words(entry: Expected, step: Lowering) -> ExpectedWords:
-    """The elements that can leave the range; rounding alone is no reason to say so."""
+    """The elements whose proved bounds exceed the range; limits are rounded outwards."""
     low, high = entry.range
     found = [(node, step.builder[node]) for node in step.nodes(entry.node)]
     # limits are rounded outwards, so that a value on the limit is within it at any scale
@@ -324,3 +321,39 @@ def _expected_words(entry: Expected, step: Lowering) -> ExpectedWords:
         low=tuple(limits[node][0] for node in outside),
         high=tuple(limits[node][1] for node in outside),
     )
+
+
+def step_errors(
+    program: Program,
+    builder: IntegerBuilder,
+    outputs: Sequence[tuple[WordPort, tuple[int, ...]]],
+    memories: Sequence[IntegerMemory],
+) -> Iterator[StepError]:
+    """The error of the worst element of each output and state, from the errors of the nodes."""
+    for port, nodes in outputs:
+        worst = max(builder.errors[node] for node in nodes)
+        yield StepError(port.name, is_state=False, largest=worst)
+    for memory in memories:
+        state = program.state(memory.name)
+        error = max(builder.errors[node] for node in memory.next)
+        if memory.restarts and _may_leave(builder, memory, error):
+            error = math.inf  # one of the two may start anew
+        limits = None if state.is_buffer else finite(state.range)
+        if limits is not None:  # both are kept within their limits, which are rounded
+            ends = zip(limits, (memory.low, memory.high), strict=True)
+            error = max(error, *(abs(a - math.ldexp(b, -memory.fraction)) for a, b in ends))
+        yield StepError(memory.name, is_state=True, largest=error)
+
+
+def start_errors(builder: IntegerBuilder, memories: Sequence[IntegerMemory]) -> Iterator[StepError]:
+    """The error of the worst element of each first state, limited to the range of its words."""
+    for memory in memories:
+        worst = max(builder.errors[node] for node in memory.start)
+        yield StepError(memory.name, is_state=True, largest=worst)
+
+
+def _may_leave(builder: IntegerBuilder, memory: IntegerMemory, error: float) -> bool:
+    """True if the exact next value of a memory may be outside its range."""
+    following = [builder[node] for node in memory.next]
+    room = min(min(n.low - memory.low, memory.high - n.high) for n in following)
+    return math.ldexp(room, -memory.fraction) <= error

@@ -1,8 +1,7 @@
-"""Chooses the numbers of a program in fixed point: weights, and formats out of ranges."""
+"""Inserts the weights as constants."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,18 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.ir.builder import GraphBuilder
-from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.builder import GraphBuilder, copy_node, with_start, with_step
 from compiler.ir.ops import Constant, ReadParameter
 from compiler.ir.program import Graph, NodeId, Program
 from compiler.passes import run_passes
 
-_SMALLEST = 2.0**-96
-"""Of a range: finer scales are no numbers of float32, in which C converts words."""
-
 
 def with_numbers(program: Program, weights: Mapping[str, NDArray[Any]]) -> Program:
-    """The program with its parameters as constants, folded."""
+    """The program with its parameters as folded constants."""
     replaced: list[tuple[Graph, dict[NodeId, NodeId]]] = []
     for graph in (program.step, program.start):
         builder, copies = GraphBuilder(), dict[NodeId, NodeId]()
@@ -34,20 +29,3 @@ def with_numbers(program: Program, weights: Mapping[str, NDArray[Any]]) -> Progr
         replaced.append((builder.graph(), copies))
     program = with_start(with_step(replace(program, losses=()), *replaced[0]), *replaced[1])
     return run_passes(program)
-
-
-def finite(limits: tuple[float, float] | None) -> tuple[float, float] | None:
-    """The limits where both are numbers."""
-    return limits if limits is not None and all(map(math.isfinite, limits)) else None
-
-
-def word_format(low: float, high: float, bits: int) -> tuple[int, int, int]:
-    """Fraction and integer limits of values low … high in that many bits."""
-    # what is always 0 has a format too
-    reach = max(abs(low), abs(high), _SMALLEST) if low or high else 2.0**-bits
-    # reach = m · 2^e with m in [1/2, 1): a bit for the sign, e before the point, the rest behind it
-    fraction = bits - 1 - math.frexp(reach)[1]
-    # just below a power of 2 rounding reaches it, one unit more than the bits can hold
-    if round(math.ldexp(reach, fraction)) == 2 ** (bits - 1):
-        fraction -= 1
-    return fraction, round(math.ldexp(low, fraction)), round(math.ldexp(high, fraction))

@@ -1,4 +1,4 @@
-"""Bounds states without a range in the spec: those of filters, whose memory decays."""
+"""Proves bounds of states without a range in the spec, such as those of stable linear filters."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 
 from compiler.ir.ops import Clamp, Constant
 from compiler.ir.program import Graph, Node, NodeId, Program, State
-from msnn.features.fixed_point.compile.constants import word_format
-from msnn.features.fixed_point.compile.lowering.forms import PolynomialForm
-from msnn.features.fixed_point.compile.lowering.lower_graph import (
+from msnn.features.fixed_point.compile.lower_graph import (
     Elements,
     Lowering,
     UnsupportedError,
     elements,
 )
+from msnn.features.fixed_point.compile.polynomials import PolynomialForm
+from msnn.features.fixed_point.compile.word_formats import word_format
 from msnn.features.fixed_point.integers.program import Width
 
 _MARGIN = 1.0 + 2.0**-6
-"""What roundings may add; a state is saturated at its bound all the same."""
+"""Factor for rounding errors; the state is also saturated at its bound."""
 
 _LONGEST_MEMORY = 2**16
-"""Steps after which what a state forgets must be forgotten."""
+"""Number of steps after which Aᵏ must have vanished."""
 
 
 def proved_bounds(
@@ -34,12 +34,12 @@ def proved_bounds(
     known: Callable[[Lowering, str], Elements],
     starts: Mapping[str, float],
 ) -> dict[str, float]:
-    """The largest magnitude of each state s that moves by s⁺ = A s + d with bounded d.
+    """The largest magnitude of each state s with s⁺ = A s + d, where d is bounded.
 
-    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|. Equations with a range are clamped to it; they are
-    first taken without the clamp. If that gives no bound, all values clamped to two numbers are
-    part of d, with any value between them. Raises UnsupportedError if the next value is not linear
-    in these states or Aᵏ does not vanish.
+    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|. The first attempt ignores the clamps of equations to their
+    ranges. If it gives no bound, each value clamped to two constants becomes part of d, as any
+    value between them. Raises UnsupportedError if the next value is not linear in these states or
+    Aᵏ does not vanish.
     """
     limited, expected = _limited(program), {entry.node for entry in program.expected}
     within = {node: None for node in limited if program.step[node].args[0] in expected}
@@ -52,7 +52,7 @@ def proved_bounds(
 
 
 def _limited(program: Program) -> dict[NodeId, tuple[float, float] | None]:
-    """The nodes that are clamped to two numbers, and these."""
+    """The nodes that are clamped to two constants, with these limits."""
     found: dict[NodeId, tuple[float, float] | None] = {}
     for index, node in program.step:
         if isinstance(node.op, Clamp):
@@ -127,7 +127,8 @@ class _Symbolic(Lowering):
     """Lowers a graph to sums that are linear in symbols: the elements of states without a range.
 
     Such a sum stays exact. Raises UnsupportedError if a sum with symbols is multiplied by another
-    one or rounded. `limited` are clamps: each becomes its operand (None) or any value in its range.
+    one or rounded. Each clamp in `limited` is replaced by its operand (None) or by any value in its
+    range.
     """
 
     def __init__(

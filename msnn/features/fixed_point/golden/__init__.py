@@ -1,1 +1,1 @@
-"""Words of golden steps: draws them, and chooses those that a wrong program gets wrong."""
+"""Words of golden steps: draws them, and chooses words for which faulty programs fail."""

@@ -1,4 +1,4 @@
-"""Chooses golden steps in which comparisons meet equality, so that `<` is not taken for `<=`."""
+"""Chooses golden steps in which both sides of comparisons are equal, to tell `<` from `<=`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from compiler.ir.ops import Relation
 from msnn.features.fixed_point.golden.golden import GoldenWords, answered, drawn
-from msnn.features.fixed_point.integers.drop_unused import reached
 from msnn.features.fixed_point.integers.interpret import IntegerState, evaluated, reset, step
 from msnn.features.fixed_point.integers.program import (
     Choose,
@@ -20,17 +19,18 @@ from msnn.features.fixed_point.integers.program import (
     ReadMemory,
     ReadWord,
     WordPort,
+    reached,
 )
 
 _MOST_RUNS = 6
 _MOST_WORK = 200_000
-"""Integer operations for the search, less than a second."""
+"""Maximum number of integer operations of the search, less than a second."""
 _PROBES = 6
-"""Words beside the ends of a range at which a change of sign is looked for."""
+"""Number of words inside a range, besides its ends, at which the sign is evaluated."""
 _TRIED = 2
-"""Words of a step that are tried for a comparison."""
+"""Maximum number of words of a step that are tried for a comparison."""
 _OFTEN = 3
-"""Times that a comparison is looked for in vain in a run, or is met and makes no difference."""
+"""Maximum number of failed searches for a comparison in a run, or of equalities without effect."""
 
 _OTHER = {
     Relation.LESS: Relation.LESS_EQUAL,
@@ -38,18 +38,18 @@ _OTHER = {
     Relation.GREATER: Relation.GREATER_EQUAL,
     Relation.GREATER_EQUAL: Relation.GREATER,
 }
-"""The relation that differs at equality alone."""
+"""The relation that differs only at equality."""
 
 Words = dict[str, list[int]]
 
 
 def golden_equalities(program: IntegerProgram, steps: int, seed: int) -> list[GoldenWords]:
-    """Runs of so many steps that see of as many comparisons as they can what is at equality.
+    """Runs of `steps` steps in which both sides of as many comparisons as possible are equal.
 
-    Of each choice, and each limit of an equation's range, one word of a step, of the step before
-    or around the first step is moved until both sides are equal; the others are drawn. That is
-    done until another answer there would change what comes out; beside a kink none does. There is
-    no run for what is never equal: where sides have other scales, or where nothing moves them.
+    For each choice and each limit of an equation, a search moves one word until both sides are
+    equal. The word belongs to a step, the step before or the samples around the first step; all
+    others are random. The search continues until the other result at equality would change outputs
+    or status; at a kink it never does. Comparisons whose sides are never equal have no run.
     """
     pending = list(_comparisons(program))
     search = _Search(program, np.random.Generator(np.random.Philox(seed)))
@@ -70,24 +70,24 @@ def golden_equalities(program: IntegerProgram, steps: int, seed: int) -> list[Go
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
-    """A comparison: nodes that are enough for it, and how far its sides are apart."""
+    """A comparison: the nodes needed to compute it, and the difference of its sides."""
 
     nodes: tuple[IntegerNode, ...]
     apart: Callable[[Sequence[int]], int]
     broken: IntegerProgram
-    """The same program with the other answer at equality."""
+    """The same program with the other result at equality."""
     at_start: bool = False
-    """Whether it is of the start, which reads words around the first step."""
+    """True if it belongs to the start, which reads samples around the first step."""
 
     @property
     def words(self) -> list[tuple[str, int]]:
-        """Elements of inputs that it depends on."""
+        """The elements of inputs on which it depends."""
         ops = (node.op for node in self.nodes)
         return [(op.port, op.index) for op in ops if isinstance(op, ReadWord)]
 
     @property
     def remembers(self) -> bool:
-        """Whether it depends on what stays between steps."""
+        """True if it depends on memories."""
         return any(isinstance(node.op, ReadMemory) for node in self.nodes)
 
 
@@ -123,7 +123,7 @@ def _with_other(nodes: tuple[IntegerNode, ...], index: int, op: Choose) -> tuple
 def _comparison(
     graph: tuple[IntegerNode, ...], sides: tuple[int, ...], end: int, broken: IntegerProgram
 ) -> _Comparison:
-    """Compares two nodes, or one with a number."""
+    """Compares two nodes, or one node with the constant `end`."""
     nodes, places = reached(graph, sides)
     left = places[sides[0]]
     if len(sides) == 1:
@@ -139,7 +139,7 @@ def _answers_differ(run: GoldenWords, broken: IntegerProgram) -> bool:
 
 @dataclass(slots=True)
 class _Search:
-    """Looks for words of steps, and counts the integer operations that it takes."""
+    """Searches for words of steps and counts the integer operations of the search."""
 
     program: IntegerProgram
     random: np.random.Generator
@@ -151,13 +151,13 @@ class _Search:
         self.ports = {entry.port.name: entry.port for entry in self.program.inputs}
 
     def is_over(self, one: _Comparison) -> bool:
-        """Whether there is no use in meeting it again."""
+        """True if further equalities of this comparison are useless."""
         return self.met[one] >= _OFTEN
 
     def run(
         self, pending: Sequence[_Comparison], steps: int
     ) -> tuple[GoldenWords, set[_Comparison]]:
-        """A run in which one comparison after the other meets equality, and those that do."""
+        """A run in which the search tries one comparison after the other, and those made equal."""
         program = self.program
         order = [pending[k] for k in _shuffled(len(pending), self.random)]
         # what begins is in round numbers: from there on sides that are remembered may be equal
@@ -193,7 +193,7 @@ class _Search:
     def _begin(
         self, order: Sequence[_Comparison], windows: Words, words: Words
     ) -> set[_Comparison]:
-        """Moves a word around the first step; what that meets."""
+        """Moves a word around the first step; returns the comparison that became equal, if any."""
         ports = {port.name: port for port in self.program.windows}
         places = [(name, k) for name, port in ports.items() for k in range(port.size)]
         wanted = next((one for one in order if one.at_start or one.remembers), None)
@@ -218,7 +218,7 @@ class _Search:
     def _meet_next(
         self, wanted: _Comparison, state: IntegerState, words: Words, following: Words
     ) -> bool:
-        """Moves a word of this step so that the sides are equal in the next."""
+        """Moves a word of this step so that the sides are equal in the next; True if successful."""
         if not wanted.remembers:
             return False
         places = [(name, k) for name, port in self.ports.items() for k in range(port.size)]
@@ -242,7 +242,7 @@ class _Search:
         ports: dict[str, WordPort],
         apart: Callable[[], int],
     ) -> bool:
-        """Moves one of some words until a comparison is met; else they stay as they are."""
+        """Moves one of several words until both sides are equal; otherwise all stay unchanged."""
         # few words a time: most comparisons depend on most words, and a miss costs a whole search
         for place in _shuffled(len(places), self.random)[:_TRIED]:
             name, element = places[place]
@@ -259,7 +259,7 @@ class _Search:
         return False
 
     def _root(self, function: Callable[[int], int], port: WordPort) -> int | None:
-        """A word at which the function is 0, between two at which it has different signs."""
+        """A word at which the function is 0, searched between words of different signs; or None."""
         # sides need not differ monotonically: between ends of one sign there may be two roots
         inside = self.random.integers(port.low, port.high, _PROBES, endpoint=True).tolist()
         known = [(word, function(word)) for word in sorted({port.low, *inside, port.high})]

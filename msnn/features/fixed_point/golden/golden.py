@@ -1,4 +1,4 @@
-"""Draws the words of golden steps, and answers them by the integer interpreter."""
+"""Draws the words of golden steps, and computes the results with the integer interpreter."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from msnn.features.fixed_point.integers.interpret import Words, initial, reset, 
 from msnn.features.fixed_point.integers.program import IntegerProgram, WordPort
 
 _OFTEN, _LONGEST = 0.15, 3
-"""How often words of an input become invalid, and for how many steps at most they stay so."""
+"""Probability that an input becomes invalid in a step, and maximum number of invalid steps."""
 _SPECIAL = 0.2
-"""How often a word is 0 or a limit of its range, which drawn words hardly ever are."""
+"""Probability that a word is 0 or a limit of its range; random words rarely are."""
 
 
 @dataclass(frozen=True, slots=True)
 class IntegerGoldenStart:
-    """The integers around the first step, by port, and the status that `reset` returns."""
+    """The integers of the windows around the first step, by port, and the status of `reset`."""
 
     windows: dict[str, list[int]]
     status: int
@@ -25,7 +25,7 @@ class IntegerGoldenStart:
 
 @dataclass(frozen=True, slots=True)
 class GoldenWords:
-    """The integers of a run, by port: those of the start, and inputs and outputs of each step."""
+    """The integers of a run, by port: those of the start, then inputs and outputs of each step."""
 
     start: IntegerGoldenStart
     inputs: list[dict[str, list[int]]]
@@ -42,11 +42,11 @@ def golden_run(
     opening: int = 0,
     spoiled: int | None = None,
 ) -> GoldenWords:
-    """`steps` steps from a drawn past, or from none; some inputs are outside their range.
+    """A run of `steps` steps, with some invalid inputs.
 
-    So are the first `opening` words of all of them, and every second word of the past from
-    `spoiled` on. The generator is counter-based (Philox), so a seed gives the same numbers
-    everywhere.
+    It begins with a random past or, with `from_init`, without one. The first `opening` words of
+    every input are invalid, and every second word of the past from index `spoiled` on. The
+    generator is counter-based (Philox), so a seed gives the same words on every machine.
     """
     random = np.random.Generator(np.random.Philox(seed))
     windows = {port.name: drawn(port, random) for port in program.windows}
@@ -82,7 +82,7 @@ def answered(
     *,
     from_init: bool = False,
 ) -> GoldenWords:
-    """The run from samples around the first step, or from none, with these inputs."""
+    """The run with these inputs, from samples around the first step or from `init`."""
     state = reset(program, windows)
     start = IntegerGoldenStart(windows, int(state.said))
     if from_init:
@@ -97,9 +97,10 @@ def answered(
 
 
 def golden_starts(program: IntegerProgram, seed: int) -> list[IntegerGoldenStart]:
-    """Starts that try each check of `reset` alone: what it returns tells whether it is there.
+    """Starts that test each range check of `reset` by its status.
 
-    All words are at the lower end of their range, then at the upper one; then one is beside it.
+    The words are all at the lower limits, all at the upper limits, or random with one word just
+    outside.
     """
     random = np.random.Generator(np.random.Philox(seed))
     ports = program.windows
@@ -116,7 +117,7 @@ def golden_starts(program: IntegerProgram, seed: int) -> list[IntegerGoldenStart
 
 
 def _invalid(port: WordPort, program: IntegerProgram, random: np.random.Generator) -> int:
-    """A word beside a limit of the range or far from it; a limit where no word is beyond."""
+    """A word just outside the range, or the largest or smallest word."""
     most = program.width.largest_word
     beside = [word for word in (port.low - 1, port.high + 1) if abs(word) <= most]
     return int(random.choice([*beside, _far(program, random)]))
@@ -132,7 +133,7 @@ def _within(word: int, port: WordPort) -> int:
 
 
 def drawn(port: WordPort, random: np.random.Generator) -> list[int]:
-    """Words of the whole range of a port."""
+    """Random words from the whole range of a port."""
     words = random.integers(port.low, port.high, port.size, endpoint=True)
     return [int(word) for word in words]
 

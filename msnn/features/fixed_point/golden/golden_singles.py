@@ -1,4 +1,4 @@
-"""Chooses golden steps from written memories: both sides of what a step decides, and extremes."""
+"""Chooses golden steps from written memories: both sides of every decision, and extremes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TypeAlias
 import numpy as np
 
 from msnn.features.fixed_point.golden.golden import drawn
-from msnn.features.fixed_point.integers.drop_unused import reached
 from msnn.features.fixed_point.integers.interpret import IntegerState, evaluated, initial, step
 from msnn.features.fixed_point.integers.program import (
     Choose,
@@ -20,24 +19,25 @@ from msnn.features.fixed_point.integers.program import (
     ReadMemory,
     ReadWord,
     Smaller,
+    reached,
 )
 
 _MOST = 160
 _MOST_NUMBERS = 12_000
-"""Steps, and numbers in their memories and ports: data of a test program."""
+"""Maximum number of elements in memories and ports of all steps: data of a test program."""
 _MOST_WORK = 200_000
-"""Integer operations for the search, less than a second."""
+"""Maximum number of integer operations of the search, less than a second."""
 _MOST_KNOTS = 8
-"""Of each table."""
+"""Maximum number of knots per table."""
 
 Numbers = dict[str, list[int]]
 _Place: TypeAlias = tuple[bool, str, int]
-"""Whether of a memory, else of an input; its name, and the element."""
+"""True for a memory, False for an input; its name; the index of the element."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoldenSingle:
-    """A step with the memories before and after it, inputs and outputs by name."""
+    """A step: the memories before and after it, inputs, outputs and status."""
 
     memories: Numbers
     inputs: Numbers
@@ -47,12 +47,12 @@ class GoldenSingle:
 
 
 def golden_singles(program: IntegerProgram, seed: int) -> list[GoldenSingle]:
-    """Steps on both sides of all that a step decides, where no run of a few steps may lead.
+    """Steps on both sides of every decision of a step, which short runs may never reach.
 
-    A memory may begin with any number within its limits: the bounds of all nodes are proved for
-    these. For each comparison, smaller or larger one, limit of a memory or an equation, and knot of
-    a table there are the steps at which the difference of the two sides is least and largest, and
-    two that differ in one number by 1, between which its sign changes.
+    A memory may start with any value within its limits, since the bounds of all nodes hold for
+    these. Decisions are comparisons, minima, maxima, limits of memories and equations, and knots of
+    tables. Each has the steps with the smallest and largest difference of both sides. It also has
+    pairs of steps with different signs that differ by 1 in one element.
     """
     if not program.memories and not program.inputs:
         return []
@@ -71,7 +71,7 @@ def golden_singles(program: IntegerProgram, seed: int) -> list[GoldenSingle]:
 
 @dataclass(frozen=True, slots=True)
 class _Decision:
-    """Two nodes whose order decides, or a node and a number; the nodes that are enough for them."""
+    """Two nodes, or a node and a constant, whose order decides; and all nodes they need."""
 
     nodes: tuple[IntegerNode, ...]
     left: int
@@ -82,7 +82,7 @@ class _Decision:
         return values[self.left] - (self.end if self.right is None else values[self.right])
 
     def places(self) -> list[_Place]:
-        """The elements of memories and inputs that it depends on."""
+        """The elements of memories and inputs on which it depends."""
         found: dict[_Place, None] = {}
         for node in self.nodes:
             match node.op:
@@ -96,7 +96,7 @@ class _Decision:
 
 
 def _decisions(program: IntegerProgram) -> list[_Decision]:
-    """All of a step: comparisons first, as what they choose between differs most."""
+    """All decisions of a step: comparisons first, since their branches differ most."""
     step = program.step
     compared = [n for n in step if isinstance(n.op, Choose)]
     bent = [n for n in step if isinstance(n.op, Smaller | Larger)]
@@ -113,7 +113,7 @@ def _decisions(program: IntegerProgram) -> list[_Decision]:
 
 
 def _limits(program: IntegerProgram) -> Iterator[tuple[int, int]]:
-    """The nodes that may be beyond the limits of a memory or an equation, and these."""
+    """Pairs of a node that may exceed a limit of a memory or an equation, and this limit."""
     for memory in program.memories:
         for node in dict.fromkeys(memory.next):
             if program.step[node].low < memory.low:
@@ -156,14 +156,14 @@ class _Trial:
 
 @dataclass(slots=True)
 class _Search:
-    """Looks for numbers, and counts the integer operations that it takes."""
+    """Searches for steps and counts the integer operations of the search."""
 
     program: IntegerProgram
     random: np.random.Generator
     work: int = 0
 
     def beside(self, decision: _Decision) -> Iterator[_Trial]:
-        """The steps of one decision."""
+        """The steps for one decision."""
         drawn_one = self._drawn()
         low, high = (self._farthest(decision, drawn_one, sign) for sign in (-1, 1))
         yield low
@@ -190,7 +190,10 @@ class _Search:
         return port.low, port.high
 
     def _farthest(self, decision: _Decision, begin: _Trial, sign: int) -> _Trial:
-        """The numbers one after the other at that end of their range which moves the difference."""
+        """The step whose elements were moved, one after the other, to their most effective limit.
+
+        `sign` is the direction in which the difference shall change.
+        """
         best, reach = begin.copy(), sign * self._apart(decision, begin)
         for place in decision.places():
             before = best.at(place)
@@ -205,8 +208,7 @@ class _Search:
     def _between(
         self, decision: _Decision, low: _Trial, high: _Trial, least: int
     ) -> Iterator[_Trial]:
-        """The two steps between which the difference becomes `least` or more, on the way from one
-        to the other."""
+        """Two adjacent steps from `low` to `high`, between which the difference reaches `least`."""
         here = low.copy()
         for place in decision.places():
             left, right = here.at(place), high.at(place)

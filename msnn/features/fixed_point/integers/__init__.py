@@ -1,1 +1,1 @@
-"""Programs of integers: building, running, and dropping what nothing uses."""
+"""Programs of integers: construction, interpretation, and removal of unused nodes."""

@@ -1,4 +1,4 @@
-"""Builds integer nodes with the bounds of their values; what could overflow is never built."""
+"""Builds integer nodes with bounds of their values; raises an error if one could overflow."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from spec_schema.diagnostics.source import Span
 
 
 class CannotFitError(Exception):
-    """No scale keeps a value within its bits; the text says why."""
+    """No scale represents a value with the available bits; the text says why."""
 
 
 class IntegerBuilder:
-    """A growing list of nodes; equal ones are shared.
+    """Builds a list of nodes; equal nodes are shared.
 
-    `errors` bounds for each node the error against the real value, assuming that its operands are
-    exact (decision 0193). A shared node has the largest of its bounds.
+    `errors` bounds the error of each node against the real value, if the words and memories that it
+    reads are exact (decision 0193). A shared node has the largest of its bounds.
     """
 
     def __init__(self, width: integer.Width) -> None:
@@ -33,16 +33,16 @@ class IntegerBuilder:
         return self.nodes[node]
 
     def bounds(self, node: int) -> tuple[float, float]:
-        """The real numbers that a node can stand for."""
+        """The smallest and largest real value of a node."""
         found = self.nodes[node]
         return math.ldexp(found.low, -found.fraction), math.ldexp(found.high, -found.fraction)
 
     def reach(self, node: int) -> float:
-        """The largest magnitude that a node can stand for."""
+        """The largest magnitude of a node's real value."""
         return max(map(abs, self.bounds(node)))
 
     def allow(self, node: int, error: float) -> int:
-        """The node, which can be so far from one of the values that it stands for."""
+        """Raises the error bound of a node to at least `error`, and returns the node."""
         self.errors[node] = max(self.errors[node], error)
         return node
 
@@ -71,7 +71,7 @@ class IntegerBuilder:
         return self._emit(integer.WeightedSum(constant, coefficients), args, fraction, *bounds)
 
     def product(self, left: int, right: int, most: float = math.inf) -> int:
-        """a · b; both must be words. `most` bounds its error where the caller knows more."""
+        """a · b; both must be words. `most` is a smaller error bound that the caller has proved."""
         a, b = self[left], self[right]
         corners = [x * y for x in (a.low, a.high) for y in (b.low, b.high)]
         # a square is never negative, which the corners of two intervals do not show
@@ -84,7 +84,7 @@ class IntegerBuilder:
         return self.allow(node, min(sides, most))
 
     def to_fraction(self, node: int, fraction: int) -> int:
-        """The value at another scale: rounded where that is coarser, exact where it is finer."""
+        """The value at another scale: rounded at a coarser scale, exact at a finer one."""
         found, error = self[node], self.errors[node]
         bits = found.fraction - fraction
         if bits == 0:
@@ -110,7 +110,7 @@ class IntegerBuilder:
         return self.allow(rounded, error + math.ldexp(0.5, -fraction))
 
     def as_word(self, node: int) -> int:
-        """The value with as many bits as a word has."""
+        """The value rounded to as many bits as a word has."""
         found = self[node]
         fraction = found.fraction
         limit = self.width.largest_word
@@ -144,15 +144,15 @@ class IntegerBuilder:
         return self.allow(self._emit(integer.Larger(), (left, right), a.fraction, *bounds), error)
 
     def _decided(self, taken: int, other: int, apart: int) -> int:
-        """The extreme of two nodes that are so many units apart, or more.
+        """The minimum or maximum of two nodes that bounds decide, at least `apart` units apart.
 
-        What the other node stands for may still pass it, by its own error less that distance.
+        The exact value of the other node may pass the result by its own error minus that distance.
         """
         passed = self.errors[other] - math.ldexp(apart, -self[taken].fraction)
         return self.allow(taken, passed)
 
     def saturated(self, node: int, low: int, high: int) -> int:
-        """The value moved to the nearest limit; nothing where it cannot be outside."""
+        """The value limited to low … high; no node is added if it cannot be outside."""
         fraction = self[node].fraction
         node = self.larger(node, self.literal(low, fraction))
         return self.smaller(node, self.literal(high, fraction))
@@ -175,10 +175,10 @@ class IntegerBuilder:
         otherwise: int,
         apart: float = math.inf,
     ) -> int:
-        """then where left relation right, else otherwise.
+        """`then` if left relation right, else `otherwise`.
 
-        `apart` bounds how far both are from each other where the exact values of left and right
-        compare otherwise than the nodes do.
+        `apart` bounds the difference of the two choices where the exact values of left and right
+        compare differently than the nodes.
         """
         a, b = self[then], self[otherwise]
         if then == otherwise:
@@ -192,7 +192,7 @@ class IntegerBuilder:
         return self.allow(self._emit(integer.Choose(relation), args, a.fraction, *bounds), error)
 
     def is_doubtful(self, left: int, right: int) -> bool:
-        """Whether the exact values of two nodes may compare otherwise than the nodes do."""
+        """True if the exact values of two nodes may compare differently than the nodes."""
         error = self.errors[left] + self.errors[right]
         (a, b), (c, d) = self.bounds(left), self.bounds(right)
         # the sides can come as close as both errors together
@@ -231,7 +231,7 @@ class IntegerBuilder:
 
 
 def share(factor: float, error: float) -> float:
-    """|factor| · error, where nothing of what is not bounded is nothing."""
+    """|factor| · error; 0 if either is 0, even if the other is infinite."""
     return abs(factor) * error if factor and error else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Runs an integer program: the judge of generated C in fixed point."""
+"""Runs an integer program: the reference interpreter of generated fixed-point C."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import assert_never
 from msnn.features.fixed_point.integers import program as integer
 
 Words = Mapping[str, Sequence[int]]
-"""Integers by name, each a flat list in C order."""
+"""Integers by port name; each is a flat list in C order."""
 
 
 class FixedStatus(IntFlag):
-    """The status that a step returns; bits that float exports have too mean the same."""
+    """The status of a step; bits that floating-point exports also have mean the same."""
 
     OUT_OF_RANGE = 1
     CLAMPED = 4
@@ -25,21 +25,21 @@ class FixedStatus(IntFlag):
 
 
 NOTHING = FixedStatus(0)
-"""All is well."""
+"""No status bit is set."""
 
 
 @dataclass(slots=True, kw_only=True)
 class IntegerState:
-    """The memory of one instance."""
+    """The state of one instance."""
 
     memories: dict[str, list[int]]
     held: dict[str, list[int]]
     fills: bool = False
-    """Whether buffers of inputs wait for their first sample."""
+    """True if buffers of inputs wait for their first sample."""
     waits: bool = False
-    """Whether there are states that only `reset` can set."""
+    """True if there are states that only `reset` can set."""
     said: FixedStatus = NOTHING
-    """What `reset` said of the samples and of the states that they gave."""
+    """Status of `reset`: checks of the samples and of the first states."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,10 @@ class IntegerStep:
 
 
 def initial(program: integer.IntegerProgram) -> IntegerState:
-    """The state after `init`: what a record would give is 0, or the nearest that is allowed."""
+    """The state after `init`.
+
+    States that need a recording are 0, or the nearest value in their range.
+    """
     # without a record the start runs on zeros; what depends on them is not kept below
     zeros = {port.name: [0] * port.size for port in program.windows}
     values = evaluated(program.start, zeros, {})
@@ -69,7 +72,7 @@ def initial(program: integer.IntegerProgram) -> IntegerState:
 
 
 def reset(program: integer.IntegerProgram, windows: Words) -> IntegerState:
-    """The state that the samples around the first step give."""
+    """The state computed from the samples around the first step."""
     checked = {
         port.name: [_within(word, port.low, port.high) for word in windows[port.name]]
         for port in program.windows
@@ -85,7 +88,7 @@ def reset(program: integer.IntegerProgram, windows: Words) -> IntegerState:
 
 
 def step(program: integer.IntegerProgram, state: IntegerState, inputs: Words) -> IntegerStep:
-    """One step; the state is changed."""
+    """Computes one step and updates the state."""
     status = FixedStatus(0)
     words: dict[str, list[int]] = {}
     for entry in program.inputs:
@@ -129,7 +132,7 @@ def step(program: integer.IntegerProgram, state: IntegerState, inputs: Words) ->
 def checked_input(
     entry: integer.CheckedInput, words: Sequence[int], held: Sequence[int]
 ) -> tuple[list[int], FixedStatus]:
-    """The words that the step uses: always within the range, whatever came in."""
+    """The words that the step uses, always within the range, and their status."""
     low, high = entry.port.low, entry.port.high
     clamped = [_within(word, low, high) for word in words]
     if clamped == list(words):
@@ -149,7 +152,7 @@ def checked_input(
 def evaluated(
     nodes: Sequence[integer.IntegerNode], words: Words, memories: Mapping[str, Sequence[int]]
 ) -> list[int]:
-    """The value of every node; each is within the bounds that were proved."""
+    """The value of every node; asserts that each is within its proved bounds."""
     values: list[int] = []
     for node in nodes:
         value = _value(node, [values[arg] for arg in node.args], words, memories)
@@ -196,7 +199,7 @@ def _value(
 
 
 def _first_held(program: integer.IntegerProgram) -> dict[str, list[int]]:
-    """The valid value nearest to 0, for inputs that are held."""
+    """The valid value nearest to 0, for inputs with the policy `hold`."""
     return {
         entry.port.name: [_within(0, entry.port.low, entry.port.high)] * entry.port.size
         for entry in program.inputs
@@ -205,7 +208,7 @@ def _first_held(program: integer.IntegerProgram) -> dict[str, list[int]]:
 
 
 def _kept(memory: integer.IntegerMemory, nodes: Sequence[int], values: Sequence[int]) -> list[int]:
-    """The numbers of these nodes that a memory keeps."""
+    """The values of these nodes, limited to the range of a memory."""
     return [_within(values[node], memory.low, memory.high) for node in nodes]
 
 

@@ -1,8 +1,9 @@
-"""Defines programs of integers: every value has proved bounds and means integer · 2^−fraction."""
+"""Defines integer programs: each value has proved bounds and means integer · 2^−fraction."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 from compiler.ir.ops import Relation
 from compiler.ir.types import Axis
@@ -36,14 +37,14 @@ Q15, Q31 = WIDTHS["q15"], WIDTHS["q31"]
 
 @dataclass(frozen=True, slots=True)
 class Literal:
-    """A number known at compile time."""
+    """A constant known at compile time."""
 
     value: int
 
 
 @dataclass(frozen=True, slots=True)
 class ReadWord:
-    """Element of an input, or in the start of a window, in C order."""
+    """An element of an input or, in the start, of a window, in C order."""
 
     port: str
     index: int
@@ -51,7 +52,7 @@ class ReadWord:
 
 @dataclass(frozen=True, slots=True)
 class ReadMemory:
-    """Element of a memory as it is when the step begins."""
+    """An element of a memory at the beginning of the step."""
 
     memory: str
     index: int
@@ -89,14 +90,14 @@ class Larger:
 
 @dataclass(frozen=True, slots=True)
 class Choose:
-    """c where a relation b holds, else d."""
+    """c if a relation b holds, else d."""
 
     relation: Relation
 
 
 @dataclass(frozen=True, slots=True)
 class IntegerLookup:
-    """Linear interpolation in a table whose cells are 2^bits wide and begin at `first`."""
+    """Linear interpolation in a table whose cells are 2^bits wide and start at `first`."""
 
     first: int
     bits: int
@@ -120,7 +121,7 @@ IntegerOp = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntegerNode:
-    """An operation on nodes before it; its value is always in low … high."""
+    """An operation on earlier nodes; its value is always in low … high."""
 
     op: IntegerOp
     args: tuple[int, ...]
@@ -132,7 +133,7 @@ class IntegerNode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WordPort:
-    """Words that come in or go out, in C order of the axes."""
+    """Input or output words, in C order of the axes."""
 
     name: str
     axes: tuple[Axis, ...]
@@ -153,7 +154,7 @@ class WordPort:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntegerMemory:
-    """Words that stay between steps or, of a state that is summed up, wide numbers."""
+    """Words stored between steps; a `wide` memory has the bits of a sum."""
 
     name: str
     axes: tuple[Axis, ...]
@@ -163,18 +164,18 @@ class IntegerMemory:
     high: int
     wide: bool
     next: tuple[int, ...]
-    """Nodes of the step, one an element."""
+    """Nodes of the step with the next values, one per element."""
     start: tuple[int, ...]
-    """Nodes of the start, one an element."""
+    """Nodes of the start with the first values, one per element."""
     from_record: bool
-    """Whether only `reset` can know the start."""
+    """True if only `reset` can compute the first values, from recorded samples."""
     first_fills: tuple[str, tuple[int, ...]] | None
-    """A buffer of an input: the port and, for each row, the element that the first step fills it
-    with."""
+    """For a buffer of an input: the port and, for each row, the element with which the first step
+    fills it."""
     doc: str
     span: Span | None = field(default=None, compare=False)
     restarts: bool = False
-    """Whether it goes back to its start, which reads no record, instead of the nearest limit."""
+    """True if the memory returns to its start when it leaves its range; otherwise it saturates."""
 
     @property
     def size(self) -> int:
@@ -183,7 +184,7 @@ class IntegerMemory:
 
 @dataclass(frozen=True, slots=True)
 class CheckedInput:
-    """An input of the step, and what happens to words outside its range."""
+    """An input of the step, and the policy for words outside its range."""
 
     port: WordPort
     policy: str
@@ -191,7 +192,7 @@ class CheckedInput:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedWords:
-    """A range of an equation that its values may leave: nodes, their lowest and highest value."""
+    """A range of an equation that its values may leave: nodes, their lower and upper limits."""
 
     name: str
     nodes: tuple[int, ...]
@@ -201,9 +202,10 @@ class ExpectedWords:
 
 @dataclass(frozen=True, slots=True)
 class StepError:
-    """The most that one step adds to the error of an output or of a state (decision 0193).
+    """The maximum error that one step adds to an output or a state (decision 0193).
 
-    From the same words in inputs and states, as real numbers; inf where nothing is proved.
+    It compares with a step in real numbers from the same inputs and states; inf if nothing is
+    proved.
     """
 
     name: str
@@ -219,9 +221,9 @@ class IntegerProgram:
     width: Width
     inputs: tuple[CheckedInput, ...]
     windows: tuple[WordPort, ...]
-    """What `reset` takes: samples around the first step, oldest first."""
+    """The samples around the first step that `reset` reads, oldest first."""
     window_firsts: tuple[int, ...]
-    """The oldest sample of each window, relative to the first step."""
+    """The time of the oldest sample of each window, in steps relative to the first step."""
     outputs: tuple[tuple[WordPort, tuple[int, ...]], ...]
     memories: tuple[IntegerMemory, ...]
     step: tuple[IntegerNode, ...]
@@ -229,16 +231,61 @@ class IntegerProgram:
     expected: tuple[ExpectedWords, ...] = ()
     step_errors: tuple[StepError, ...] = ()
     start_errors: tuple[StepError, ...] = ()
-    """Of the first states, from the same words of the record."""
+    """Maximum errors of the first states, from the same recorded words."""
     doc: str = ""
     spec_hash: str = ""
     made_by: str = ""
     sample_time: float | None = None
     late: int = 0
-    """Samples by which outputs are older than the inputs of their step."""
+    """Number of samples by which outputs lag behind the inputs of their step."""
 
     @property
     def first_samples(self) -> dict[str, int]:
-        """The oldest sample of each window by its name, relative to the first step."""
+        """The oldest sample of each window by name, in steps relative to the first step."""
         ports = zip(self.windows, self.window_firsts, strict=True)
         return {port.name: first for port, first in ports}
+
+
+def without_unused(program: IntegerProgram) -> IntegerProgram:
+    """The program with only the nodes on which outputs and memories depend."""
+    roots = [n for _, nodes in program.outputs for n in nodes]
+    roots += [n for memory in program.memories for n in memory.next]
+    step, places = reached(program.step, roots)
+    # what is checked is also used, within its range
+    expected = tuple(
+        replace(entry, nodes=tuple(places[node] for node in entry.nodes))
+        for entry in program.expected
+        if entry.nodes and all(node in places for node in entry.nodes)
+    )
+    start, firsts = reached(program.start, [n for m in program.memories for n in m.start])
+    return replace(
+        program,
+        step=step,
+        start=start,
+        expected=expected,
+        outputs=tuple(
+            (port, tuple(places[node] for node in nodes)) for port, nodes in program.outputs
+        ),
+        memories=tuple(
+            replace(
+                memory,
+                next=tuple(places[node] for node in memory.next),
+                start=tuple(firsts[node] for node in memory.start),
+            )
+            for memory in program.memories
+        ),
+    )
+
+
+def reached(
+    nodes: tuple[IntegerNode, ...], roots: Iterable[int]
+) -> tuple[tuple[IntegerNode, ...], dict[int, int]]:
+    """The nodes on which the given ones depend, including these, and the new index of each node."""
+    wanted = set(roots)
+    # operands stand before their users: one pass from the end finds all that is needed
+    for index in range(len(nodes) - 1, -1, -1):
+        if index in wanted:
+            wanted.update(nodes[index].args)
+    places = {old: new for new, old in enumerate(sorted(wanted))}
+    kept = [nodes[old] for old in sorted(wanted)]
+    return tuple(replace(n, args=tuple(places[a] for a in n.args)) for n in kept), places

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import ast
+import warnings
 from collections.abc import Sequence
 from types import EllipsisType
 from typing import Any, cast
 
 import numpy as np
 
-from msnn.features.nnodely.followed_python.python_modules import LOWERED, MODULES, Module, imported
+from msnn.features.nnodely import arrays
+from msnn.features.nnodely.arrays import ROWS, Elements, NotTranslatedError
 from msnn.features.nnodely.followed_python.python_numbers import (
     BUILTINS,
     COMPARED,
@@ -23,7 +25,6 @@ from msnn.features.nnodely.followed_python.python_numbers import (
     lengthened,
     shares,
 )
-from msnn.features.nnodely.followed_python.python_source import FunctionError, argument_names
 from msnn.features.nnodely.followed_python.torch_calls import (
     Tensor,
     elementwise,
@@ -32,10 +33,14 @@ from msnn.features.nnodely.followed_python.torch_calls import (
     shape_of,
     torch_function,
 )
-from msnn.features.nnodely.followed_python.torch_names import negative
-from msnn.features.nnodely.terms import arrays
-from msnn.features.nnodely.terms.arrays import NotTranslatedError
-from msnn.features.nnodely.terms.terms import minus
+from msnn.features.nnodely.followed_python.torch_names import (
+    LOWERED,
+    MODULES,
+    Module,
+    imported,
+    negative,
+)
+from msnn.features.nnodely.terms import Named, Term, minus, text_of_whole
 
 _MOST_STEPS = 400_000
 """Maximum number of interpreted statements, operations and tensor elements."""
@@ -298,3 +303,111 @@ class _Run:
 
     def _refused(self, reason: str) -> FunctionError:
         return FunctionError(self._line, reason)
+
+
+def refuse_mixed_rows(
+    function: ast.FunctionDef, shapes: Sequence[tuple[int, int]], own: Sequence[Elements]
+) -> None:
+    """Ends the import for a function that mixes rows of its arguments."""
+    alone, among = (_followed(function, rows, shapes, own) for rows in (1, ROWS))
+    # no batch at all: what follows the function refuses it with its shape
+    if alone.ndim != 3 or alone.shape[0] != 1:
+        return
+    # compared as texts: terms are equal by identity alone
+    is_separate = among.shape == (ROWS, *alone.shape[1:]) and _texts(alone) == _texts(among)
+    if not is_separate:
+        reason = "its value depends on the other samples that are evaluated with one"
+        raise FunctionError(function.lineno, reason)
+
+
+def _followed(
+    function: ast.FunctionDef,
+    rows: int,
+    shapes: Sequence[tuple[int, int]],
+    own: Sequence[Elements],
+) -> Elements:
+    streams = [_symbols(rows, i, shape) for i, shape in enumerate(shapes)]
+    found = follow(function, [*streams, *own], rows)
+    assert isinstance(found, np.ndarray)
+    return found
+
+
+def _symbols(rows: int, argument: int, shape: tuple[int, int]) -> Elements:
+    """An argument, each of its elements by a name of its own; the row in the middle is row 0."""
+    out = np.empty((rows, *shape), dtype=object)
+    for row, sample, i in np.ndindex(*out.shape):
+        out[row, sample, i] = Term(Named(f"x{argument} {row - rows // 2} {sample} {i}"))
+    return out
+
+
+def _texts(found: Elements) -> list[str]:
+    middle = found[len(found) // 2]
+    return [text_of_whole(one) if isinstance(one, Term) else str(one) for one in middle.ravel()]
+
+
+_LONGEST = 20_000
+
+
+class FunctionError(Exception):
+    """The line of the first unsupported part of a function, from 1, and the reason."""
+
+    def __init__(self, line: int, reason: str) -> None:
+        super().__init__(reason)
+        self.line = line
+        self.reason = reason
+
+
+def parse_function(code: str, name: str) -> ast.FunctionDef:
+    """The function in a source text. Raises FunctionError for any other text."""
+    if len(code) > _LONGEST:
+        raise FunctionError(1, f"it has more than {_LONGEST:,} characters")
+    try:
+        with warnings.catch_warnings():
+            # source of strangers may have invalid escapes, of which Python would warn on stderr
+            warnings.simplefilter("ignore")
+            body = ast.parse(code).body
+    except (RecursionError, MemoryError):
+        raise FunctionError(1, "it is nested too deep") from None
+    # ValueError: null bytes, or halves of surrogate pairs
+    except (SyntaxError, ValueError) as fault:
+        line = getattr(fault, "lineno", None) or 1
+        raise FunctionError(line, "it is not Python") from None
+    if len(body) != 1 or not isinstance(body[0], ast.FunctionDef):
+        raise FunctionError(1, "its source is more than one function")
+    function = body[0]
+    arguments = function.args
+    if function.name != name:
+        raise FunctionError(function.lineno, f"it is called `{function.name}`, not `{name}`")
+    if function.decorator_list:
+        raise FunctionError(function.lineno, "it has a decorator")
+    if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
+        raise FunctionError(function.lineno, "its arguments have defaults or stars")
+    return function
+
+
+def argument_names(function: ast.FunctionDef) -> list[str]:
+    """The names of the arguments in order."""
+    return [one.arg for one in (*function.args.posonlyargs, *function.args.args)]
+
+
+def with_arguments_last(function: ast.FunctionDef, last: Sequence[bool]) -> ast.FunctionDef:
+    """The function with some of its first arguments behind the others of these."""
+    args = [*function.args.posonlyargs, *function.args.args]
+    if len(args) < len(last):
+        wanted = f"it takes {len(args)} arguments and gets {len(last)}"
+        raise FunctionError(function.lineno, wanted)
+    # False sorts first, and sorted() is stable: both groups keep their order
+    order = sorted(range(len(last)), key=lambda place: last[place])
+    moved = ast.FunctionDef(
+        name=function.name,
+        args=ast.arguments(
+            posonlyargs=[],
+            args=[*(args[place] for place in order), *args[len(last) :]],
+            kwonlyargs=[],
+            kw_defaults=[],
+            defaults=[],
+        ),
+        body=function.body,
+        decorator_list=[],
+    )
+    return ast.copy_location(moved, function)

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from msnn.features.nnodely.arrays import NotTranslatedError
 from msnn.features.nnodely.followed_python.torch_calls import (
     added,
     elementwise,
@@ -15,8 +16,7 @@ from msnn.features.nnodely.followed_python.torch_calls import (
     method,
     shape_of,
 )
-from msnn.features.nnodely.terms.arrays import NotTranslatedError
-from msnn.features.nnodely.terms.terms import Term, larger, minus, power, quotient, times
+from msnn.features.nnodely.terms import Term, larger, minus, power, quotient, times
 
 LARGEST = 10**15
 """Largest integers; beyond them, repeated products would exhaust the memory."""

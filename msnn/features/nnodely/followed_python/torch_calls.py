@@ -10,11 +10,11 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
+from msnn.features.nnodely import arrays
+from msnn.features.nnodely.arrays import Elements, NotTranslatedError
 from msnn.features.nnodely.followed_python.torch_moves import MAKERS, MOVES
 from msnn.features.nnodely.followed_python.torch_names import ARGUMENTS, SCALAR
-from msnn.features.nnodely.terms import arrays
-from msnn.features.nnodely.terms.arrays import Elements, NotTranslatedError
-from msnn.features.nnodely.terms.terms import (
+from msnn.features.nnodely.terms import (
     Call,
     Infix,
     Number,
@@ -114,7 +114,10 @@ def _is_flag(value: Term) -> bool:
 
 
 def _is_truth(value: Term, depth: int = _DEEPEST_TRUTH) -> bool:
-    """True if torch uses a boolean: a comparison, or a combination of comparisons."""
+    """True if the term is surely a boolean in torch: a comparison, or a combination of them.
+
+    The search ends after `depth` levels of combinations, and then returns False.
+    """
     match value.head:
         # a chain of `&` is judged so far down alone: terms share parts, and a tree of them is
         # exponential

@@ -7,10 +7,10 @@ from typing import Any, cast
 
 import numpy as np
 
+from msnn.features.nnodely import arrays
+from msnn.features.nnodely.arrays import Elements, NotTranslatedError
 from msnn.features.nnodely.followed_python.torch_names import SAME
-from msnn.features.nnodely.terms import arrays
-from msnn.features.nnodely.terms.arrays import Elements, NotTranslatedError
-from msnn.features.nnodely.terms.terms import times
+from msnn.features.nnodely.terms import times
 
 
 def _shape(sizes: Sequence[Any]) -> list[int]:

@@ -1,1 +1,1 @@
-"""Rigid-body dynamics of a robot as numbers and scalars of a graph."""
+"""Rigid-body dynamics of a robot, computed with constants and scalar graph nodes."""

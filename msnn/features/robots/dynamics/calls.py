@@ -1,25 +1,21 @@
-"""Lowers calls of a robot's members: `arm.forward_dynamics(q, dq, tau)`, `arm.tip.position(q)`."""
+"""Lowers calls of a robot's functions: `arm.mass_matrix(q)`, `arm.tip.position(q)`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from compiler.elaboration.part_members import PartMembers
+from compiler.elaboration.names import PartMembers
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Concat, Constant, Reshape
 from compiler.ir.program import NodeId
-from compiler.ir.rules.unit_rules import UnitConflict, same_unit
+from compiler.ir.rules import UnitConflict, same_unit
 from compiler.ir.types import Axis, Type, describe_axes, in_order
 from compiler.linking.link import LinkedPart
-from compiler.lowering.context import Context
+from compiler.lowering.context import Context, LoweringFailed, SolvedCall
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower_all
-from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.notes.solved_calls import SolvedCall
 from msnn.features.robots import errors
-from msnn.features.robots.dynamics.joints import RigidBodies
-from msnn.features.robots.dynamics.learned_masses import with_masses
 from msnn.features.robots.dynamics.members import (
     FRAME_MEMBERS,
     MEMBERS,
@@ -31,6 +27,7 @@ from msnn.features.robots.dynamics.members import (
     undetermined_joint,
 )
 from msnn.features.robots.dynamics.numbers import Number, SignedNode
+from msnn.features.robots.dynamics.rigid_bodies import RigidBodies, with_masses
 from msnn.features.robots.urdf.robot import Robot
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.errors import names
@@ -42,7 +39,7 @@ from spec_schema.units.unit import Unit
 def lower_robot_call(
     context: Context, part: LinkedPart[Robot], call: Call, environment: Environment
 ) -> NodeId:
-    """The node of `NAME.member(…)` or `NAME.frame.member(…)` of a robot."""
+    """The node of a call `NAME.member(…)` or `NAME.frame.member(…)` of a robot."""
     assert isinstance(call.function, Member)
     return _RobotCall(
         context=context, part=part, robot=part.model, call=call, environment=environment
@@ -51,7 +48,7 @@ def lower_robot_call(
 
 @dataclass(frozen=True, kw_only=True)
 class _RobotCall:
-    """A call, with the robot and the place that it stands at."""
+    """A call of a robot's function, and its context."""
 
     context: Context
     part: LinkedPart[Robot]
@@ -88,7 +85,7 @@ class _RobotCall:
     def _arguments(
         self, member: RobotMember | FrameMember
     ) -> tuple[list[list[Number]], list[NodeId]]:
-        """The numbers of each argument, one a body, and their nodes."""
+        """The elements of each argument, in the order of bodies, and the nodes of the arguments."""
         given = self._given(member.arguments)
         nodes = lower_all(self.context, given, self.environment)
         found: list[list[Number]] = []
@@ -99,7 +96,7 @@ class _RobotCall:
         return found, nodes
 
     def _given(self, wanted: Sequence[Quantity]) -> list[Expression]:
-        """The expression of each argument, by position and by name."""
+        """The expression of each argument, whether passed by position or by name."""
         call, shown = self.call, _shown(self.call.function)
         given: dict[str, Expression] = dict(zip(wanted, call.arguments, strict=False))
         for keyword in call.keywords:
@@ -119,7 +116,7 @@ class _RobotCall:
         return [given[name] for name in wanted]
 
     def _own_axes(self, member: RobotMember | FrameMember) -> tuple[Axis, ...]:
-        """The axes that a result has whatever the arguments are."""
+        """The axes that a result has independently of the arguments."""
         if isinstance(member, FrameMember):
             return (self._axis("xyz"),)
         if member.along == "pairs of joints":
@@ -133,7 +130,10 @@ class _RobotCall:
         expression: Expression,
         node: NodeId,
     ) -> None:
-        """Refuses an argument without the joints, or with another axis that the result has."""
+        """Reports an argument without the axis of the joints, or with an axis of the result.
+
+        A scalar argument holds for all joints.
+        """
         axes = self._builder.type(node).axes
         rest = [axis for axis in axes if axis != self._joint]
         # a scalar is the same number at every joint; axes beside the joints, as a window, are kept
@@ -146,7 +146,7 @@ class _RobotCall:
             raise LoweringFailed
 
     def _elements(self, node: NodeId) -> list[Number]:
-        """The number of each joint, in the order of q; one number is that of all."""
+        """The element for each joint, in the order of q; a scalar is used for all joints."""
         builder, joint = self._builder, self._joint
         axes = builder.type(node).axes
         op = builder.node(node).op
@@ -159,7 +159,7 @@ class _RobotCall:
         return [self._scalar(builder.element(node, joint.name, i)) for i in range(joint.size)]
 
     def _agree_on_unit(self, quantity: Quantity, node: NodeId) -> None:
-        """Reports an argument in another unit; a literal 0 fits every unit."""
+        """Reports an argument with another unit; a literal 0 fits every unit."""
         unit, builder = self._unit(quantity), self._builder
         found = builder.type(node).unit
         op = builder.node(node).op
@@ -169,7 +169,7 @@ class _RobotCall:
             builder.conflicts.append(conflict)
 
     def _parameter(self, base: str, row: int) -> list[Number]:
-        """The numbers of a body in a parameter of the robot."""
+        """The elements of a body's row in a parameter of the robot."""
         name = Name(self.part.names[base], self.call.span)
         node = self.context.names.value(name, self.environment)
         node = self._builder.element(node, self._axis("body").name, row)
@@ -180,7 +180,7 @@ class _RobotCall:
         return [self._scalar(one) for one in each]
 
     def _refuse_singular(self) -> None:
-        """Refuses a robot whose joints' accelerations do not follow from the torques."""
+        """Reports a robot with a singular mass matrix."""
         # with the masses that the file has: those that are learned are known only where the model
         # runs
         known = with_masses(replace(self.robot, learned=frozenset()), self._parameter)
@@ -198,7 +198,7 @@ class _RobotCall:
         arguments: Sequence[Sequence[Number]],
         nodes: Sequence[NodeId],
     ) -> None:
-        """Lets integrators solve with more on the diagonal of the mass matrix."""
+        """Registers a solver for integrators that adds values to the mass matrix's diagonal."""
         unit = self._unit("ddq")
 
         def with_diagonal(diagonal: NodeId) -> NodeId:
@@ -211,11 +211,11 @@ class _RobotCall:
         self.context.solved_calls[result] = SolvedCall(nodes[-1], with_diagonal)
 
     def _in_bodies(self, numbers: Sequence[Number]) -> list[Number]:
-        """Numbers in the order of q in that of the bodies."""
+        """Reorders elements from the order of q to the order of bodies."""
         return [numbers[position] for position in self.robot.positions]
 
     def _by_position(self, numbers: Sequence[Number]) -> list[Number]:
-        """Numbers of bodies, or of their pairs, in the order of q."""
+        """Reorders elements (or rows and columns) from the order of bodies to that of q."""
         positions = self.robot.positions
         at = {position: index for index, position in enumerate(positions)}
         order = [at[position] for position in range(len(positions))]
@@ -231,9 +231,9 @@ class _RobotCall:
         unit: Unit | None,
         arguments: Sequence[NodeId],
     ) -> NodeId:
-        """One value of all numbers, along these axes and those that the arguments have besides.
+        """Combines the elements to one node with these axes and the further axes of the arguments.
 
-        It has these also where no number depends on an argument: axes are no matter of the robot.
+        The further axes are added even if no element depends on an argument.
         """
         builder = self._builder
         nodes = [self._node(number) for number in numbers]
@@ -258,7 +258,7 @@ class _RobotCall:
         return self._builder.constant(number, unit=None)
 
     def _scalar(self, node: NodeId) -> SignedNode:
-        """A number of the graph without its unit: q of one joint is an angle, of another a way."""
+        """The node without its unit, since q contains angles and lengths."""
         builder = self._builder
         type = builder.type(node)
         if type.unit is not None:
@@ -266,7 +266,7 @@ class _RobotCall:
         return SignedNode(builder, node)
 
     def _unit(self, quantity: Quantity) -> Unit | None:
-        """The unit of a quantity of the joints; None where some turn and others slide."""
+        """The unit of a quantity; None if revolute and prismatic joints have different units."""
         turning, sliding = UNITS[quantity]
         slides = self.robot.slides
         if slides is None and turning != sliding:
@@ -287,7 +287,7 @@ class _RobotCall:
 
 
 def unknown_member(part: LinkedPart[Robot], member: Member) -> Diagnostic:
-    """The report of something after the dot that a robot, or a frame of it, does not have."""
+    """The diagnostic for an unknown member of a robot or of one of its frames."""
     known = FRAME_MEMBERS if member.base != part.name else (*MEMBERS, *part.model.frames)
     return errors.unknown_robot_member(f"{member.base}.{member.name}", member.span, known)
 

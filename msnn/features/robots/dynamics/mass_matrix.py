@@ -1,20 +1,20 @@
-"""Computes the mass matrix of a robot from composite bodies, and solves systems with it."""
+"""Computes the mass matrix of a robot from composite bodies, and solves linear systems with it."""
 
 from __future__ import annotations
 
-from msnn.features.robots.dynamics.joints import Numbers, RigidBodies
-from msnn.features.robots.dynamics.mass_distribution import MassDistribution
 from msnn.features.robots.dynamics.numbers import Number, Triple, cross, plus, times
+from msnn.features.robots.dynamics.rigid_bodies import MassDistribution, Numbers, RigidBodies
 from msnn.features.robots.urdf.robot import WORLD
 
 Entries = list[list[Number]]
-"""The lower triangle of a matrix, a row for each body; what is 0 by the tree stays 0.0."""
+"""The lower triangle of a matrix, one row per body; structural zeros of the tree stay 0.0."""
 
 
 def mass_matrix(bodies: RigidBodies, q: Numbers) -> Entries:
-    """M(q) without armature, by the composite rigid body algorithm (Walker, Orin 1982;
-    Featherstone 2008, section 6.2): column i is the force that accelerates all that hangs on
-    joint i by 1 along it, passed on towards the base.
+    """M(q) without armature, by the composite rigid body algorithm.
+
+    Column i is the force that gives all bodies behind joint i the acceleration 1 along that joint,
+    propagated to the base (Walker, Orin 1982; Featherstone 2008, section 6.2).
     """
     poses = bodies.poses(q)
     tree = bodies.robot.bodies
@@ -41,7 +41,7 @@ def mass_matrix(bodies: RigidBodies, q: Numbers) -> Entries:
 
 
 def _of_unit_acceleration(mass: MassDistribution, *, slides: bool) -> tuple[Triple, Triple]:
-    """Force and moment that accelerate a body by 1 along its z or about it."""
+    """Force and moment that accelerate a body by 1 along or about its z axis."""
     # along z a mass at r pulls with (0, 0, 1) and turns with r × that; about z it is accelerated by
     # (−y, x, 0)
     hx, hy, _ = mass.first
@@ -52,7 +52,7 @@ def _of_unit_acceleration(mass: MassDistribution, *, slides: bool) -> tuple[Trip
 
 
 def solved(bodies: RigidBodies, matrix: Entries, right: list[Number]) -> list[Number]:
-    """x of M x = b."""
+    """The solution x of M x = b."""
     parents = [body.parent for body in bodies.robot.bodies]
     factors, pivots_of = _factorised(parents, matrix)
     # one quotient for each joint; all that is left are products, which a processor pipelines
@@ -70,14 +70,14 @@ def solved(bodies: RigidBodies, matrix: Entries, right: list[Number]) -> list[Nu
 
 
 def pivots(bodies: RigidBodies, matrix: Entries) -> list[Number]:
-    """D of M = Lᵀ D L: what each joint resists while those behind it are free."""
+    """D of M = Lᵀ D L: the inertia at each joint if the joints behind it are free."""
     return _factorised([body.parent for body in bodies.robot.bodies], matrix)[1]
 
 
 def _factorised(parents: list[int], matrix: Entries) -> tuple[Entries, list[Number]]:
-    """L and D of M = Lᵀ D L, from the leaves to the base, which keeps what is 0 by the tree.
+    """L and D of M = Lᵀ D L, from the leaves to the base, which preserves structural zeros.
 
-    (Featherstone 2008, section 6.5.) M is positive definite, so no row needs to be exchanged.
+    See Featherstone 2008, section 6.5. M is positive definite, so rows are not exchanged.
     """
     factors = [list(row) for row in matrix]
     for k in reversed(range(len(parents))):
@@ -97,7 +97,7 @@ def _factorised(parents: list[int], matrix: Entries) -> tuple[Entries, list[Numb
 
 
 def _ancestors(parents: list[int], body: int) -> list[int]:
-    """Parent, its parent and so on."""
+    """The parent of a body, its parent and so on."""
     found: list[int] = []
     while parents[body] != WORLD:
         body = parents[body]

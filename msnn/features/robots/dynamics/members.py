@@ -1,4 +1,4 @@
-"""Lists what a robot computes: the arguments of each member, its axes, its unit, its algorithm."""
+"""Lists the functions of a robot: arguments, axes, unit and algorithm of each."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from msnn.features.robots.dynamics.joints import RigidBodies
-from msnn.features.robots.dynamics.kinematics import position, velocity
 from msnn.features.robots.dynamics.mass_matrix import mass_matrix, pivots, solved
 from msnn.features.robots.dynamics.newton_euler import joint_forces
 from msnn.features.robots.dynamics.numbers import NOTHING, Number
+from msnn.features.robots.dynamics.rigid_bodies import RigidBodies, position, velocity
 from msnn.features.robots.urdf.robot import BodyPoint
 
 Quantity = Literal["q", "dq", "ddq", "tau", "mass", "place", "speed"]
 Along = Literal["joints", "pairs of joints", "space"]
 Arguments = Sequence[Sequence[Number]]
-"""The numbers of each argument, one a body in the order of the bodies."""
+"""The elements of each argument, one per body in the order of the bodies."""
 
 UNITS: Mapping[Quantity, tuple[str, str]] = {
     "q": ("rad", "m"),
@@ -27,12 +26,15 @@ UNITS: Mapping[Quantity, tuple[str, str]] = {
     "place": ("m", "m"),
     "speed": ("m/s", "m/s"),
 }
-"""Of a quantity where joints turn, and where they slide."""
+"""Units of each quantity for revolute and for prismatic joints."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotMember:
-    """A function of a robot; `compute` gives its numbers, one a body, a pair or a direction."""
+    """A function of a robot.
+
+    `compute` returns one element per body, per pair of bodies or per direction.
+    """
 
     arguments: tuple[Quantity, ...]
     result: Quantity
@@ -42,7 +44,7 @@ class RobotMember:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameMember:
-    """A function of a frame of a robot: a vector along the axes of the world."""
+    """A function of a frame of a robot; its result is a vector along the axes of the world."""
 
     arguments: tuple[Quantity, ...]
     result: Quantity
@@ -52,9 +54,9 @@ class FrameMember:
 def forward_dynamics(
     bodies: RigidBodies, arguments: Arguments, diagonal: Sequence[Number] = ()
 ) -> list[Number]:
-    """ddq of M(q) ddq + C(q, dq) dq + g(q) = τ, with the armature on the diagonal of M.
+    """ddq of M(q) ddq + C(q, dq) dq + g(q) = τ; M includes the armature on its diagonal.
 
-    `diagonal` is added there too.
+    `diagonal` is also added to the diagonal.
     """
     q, dq, tau = arguments
     matrix = _with_armature(bodies, mass_matrix(bodies, q))
@@ -69,15 +71,15 @@ def forward_dynamics(
 
 
 _SMALLEST_INERTIA = 1e-300
-"""Kg m² or kg: of less the reciprocal is no number."""
+"""In kg m² or kg: smaller inertias have no finite reciprocal."""
 _SMALLEST_PIVOT = 1e-12
-"""Of a diagonal element of M: below it a pivot is what rounding leaves of 0."""
+"""Fraction of a diagonal element of M below which a pivot counts as a rounded 0."""
 
 
 def undetermined_joint(bodies: RigidBodies) -> int | None:
-    """A joint that has no resistance of its own in some pose, so that M cannot be inverted.
+    """A joint without inertia in some pose, which makes M singular; None if there is none.
 
-    Looked for at a pose that is special in nothing, with masses that are known.
+    The test uses a generic pose and the given masses.
     """
     # at 0 or π/2 axes can line up that do so nowhere else
     pose = [0.3 + 0.37 * index for index in range(len(bodies.robot.bodies))]
@@ -110,7 +112,7 @@ def _mass_matrix(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
 
 
 def _gravity_torque(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
-    """g(q): what holds the robot still."""
+    """g(q): the torques that compensate gravity at rest."""
     (q,) = arguments
     still = [0.0] * len(q)
     return joint_forces(bodies, q, still, still, bodies.robot.gravity)
@@ -123,7 +125,7 @@ def _coriolis(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
 
 
 def _armature(bodies: RigidBodies) -> list[float]:
-    """In the order of the bodies."""
+    """The armature of each joint in the order of the bodies."""
     return [bodies.robot.armature[position] for position in bodies.robot.positions]
 
 
@@ -146,7 +148,7 @@ MEMBERS: Mapping[str, RobotMember] = {
     "gravity_torque": RobotMember(arguments=("q",), result="tau", compute=_gravity_torque),
     "coriolis": RobotMember(arguments=("q", "dq"), result="tau", compute=_coriolis),
 }
-"""What a robot has after the dot."""
+"""The functions of a robot by name."""
 
 FRAME_MEMBERS: Mapping[str, FrameMember] = {
     "position": FrameMember(
@@ -160,4 +162,4 @@ FRAME_MEMBERS: Mapping[str, FrameMember] = {
         compute=lambda bodies, place, arguments: velocity(bodies, place, *arguments),
     ),
 }
-"""What a frame of a robot has after the dot: the position of its origin, and J(q) dq, its speed."""
+"""The functions of a frame by name: position of its origin, and velocity J(q) dq."""

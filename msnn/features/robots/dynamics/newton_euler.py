@@ -1,9 +1,7 @@
-"""Computes the forces at the joints of a moving robot by the recursive Newton-Euler algorithm."""
+"""Computes joint forces of a moving robot by the recursive Newton-Euler algorithm."""
 
 from __future__ import annotations
 
-from msnn.features.robots.dynamics.joints import Numbers, RigidBodies
-from msnn.features.robots.dynamics.mass_distribution import MassDistribution
 from msnn.features.robots.dynamics.numbers import (
     NOTHING,
     Number,
@@ -16,6 +14,7 @@ from msnn.features.robots.dynamics.numbers import (
     times,
     transposed,
 )
+from msnn.features.robots.dynamics.rigid_bodies import MassDistribution, Numbers, RigidBodies
 from msnn.features.robots.urdf.robot import WORLD
 
 
@@ -24,10 +23,10 @@ def joint_forces(
 ) -> list[Number]:
     """The torque or force of each joint: M(q) ddq + C(q, dq) dq + g(q), without armature.
 
-    (Luh, Walker, Paul 1980; Featherstone: Rigid Body Dynamics Algorithms, 2008, section 5.3), in
-    the frames of the bodies. A point at r of a body has the acceleration a + B r with
-    B = [α]× + [ω]× [ω]×, so its mass pulls with f = m a + B h and turns with
-    n = ∫ r × (a + B r) dm = h × a + (the axial vector of B Σ − (B Σ)ᵀ).
+    Computed in the frames of the bodies (Luh, Walker, Paul 1980; Featherstone: Rigid Body Dynamics
+    Algorithms, 2008, section 5.3). A point at r of a body has the acceleration a + B r with B =
+    [α]× + [ω]× [ω]×. The force is f = m a + B h. The moment is n = ∫ r × (a + B r) dm = h × a +
+    (the axial vector of B Σ − (B Σ)ᵀ).
     """
     poses = bodies.poses(q)
     tree = bodies.robot.bodies
@@ -89,7 +88,7 @@ def _turning(spin: Triple, twist: Triple) -> Rows:
 
 
 def _force(mass: MassDistribution, pull: Triple, B: Rows) -> tuple[Triple, Triple]:
-    """Force and moment about the origin of a body that moves so."""
+    """Force and moment about the origin of a body with this acceleration."""
     force = plus(scaled(mass.mass, pull), times(B, mass.first))
     first, second, third = mass.second  # of a symmetric matrix: rows are columns
     axial = (

@@ -1,4 +1,4 @@
-"""Computes with numbers that are known and with scalars of a graph; what is known is folded."""
+"""Calculates with constants and scalar graph nodes; operations on constants are folded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from compiler.ir.types import Type
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignedNode:
-    """± a node without a unit; the sign joins the sums that use it, so it costs nothing.
+    """A node without unit, with a sign; sums absorb the sign, so it needs no operation.
 
     Sums with 0 and products with 0, 1 and −1 add no operation.
     """
@@ -73,14 +73,14 @@ class SignedNode:
         return SignedNode(self.builder, self.builder.constant(other, unit=None)) / self
 
     def applied(self, function: str) -> Number:
-        """An even or odd scalar function of it: `cos`, `sin`."""
+        """An even or odd scalar function of the value: `cos`, `sin`."""
         made = ops.Apply(function)
         result = SignedNode(self.builder, self.builder.emit(made, (self.node,), self._type()))
         # sine is odd and cosine even: the sign of an argument costs no operation
         return -result if self.is_negative and function == "sin" else result
 
     def as_node(self) -> NodeId:
-        """A node that has the value."""
+        """A node with this value."""
         if not self.is_negative:
             return self.node
         return self.builder.emit(ops.Negate(), (self.node,), self._type())
@@ -137,7 +137,7 @@ def sum_of(A: Rows, B: Rows) -> Rows:
 
 
 def congruent(R: Rows, S: Rows) -> Rows:
-    """R S Rᵀ of a symmetric S: each pair of its elements that are equal is computed once."""
+    """R S Rᵀ of a symmetric S; equal elements are computed once."""
     half = times(S, R[0]), times(S, R[1]), times(S, R[2])
     return symmetric(
         *(dot(R[i], half[j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
@@ -145,5 +145,5 @@ def congruent(R: Rows, S: Rows) -> Rows:
 
 
 def symmetric(xx: Number, xy: Number, xz: Number, yy: Number, yz: Number, zz: Number) -> Rows:
-    """The symmetric matrix of these elements."""
+    """The symmetric matrix with these elements."""
     return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))

@@ -1,11 +1,12 @@
-"""Makes the tree of moving bodies of a URDF: what does not move is one body with its parent."""
+"""Builds the tree of moving bodies of a URDF; links with fixed joints are merged into one body."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from msnn.features.robots import errors
+from msnn.features.robots.urdf.elements import LARGEST
 from msnn.features.robots.urdf.geometry import (
     IDENTITY,
     ZERO,
@@ -35,12 +36,12 @@ _AXES: Mapping[str, tuple[bool, Vector]] = {
     "base_pitch": (False, (0.0, 1.0, 0.0)),
     "base_roll": (False, (1.0, 0.0, 0.0)),
 }
-"""From the world to the base: whether each joint slides, and its axis. R is Rz Ry Rx."""
+"""Joints from the world to the base: True for prismatic ones, and the axis. R is Rz Ry Rx."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """Bodies, parents first, and where each link is in the frame of its body."""
+    """Bodies, parents first, and the frame of each link."""
 
     bodies: tuple[Body, ...]
     links: Mapping[str, _Frame]
@@ -48,14 +49,14 @@ class Tree:
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """x of a link is R x + r of a body."""
+    """The frame of a link: its point x is R x + r in the frame of a body."""
 
     body: int
     R: Matrix = IDENTITY
     r: Vector = ZERO
 
     def joined(self, R: Matrix, r: Vector) -> _Frame:
-        """The frame in which x is R x + r of this one."""
+        """The frame whose point x is R x + r in this frame."""
         return _Frame(self.body, product(self.R, R), plus(times(self.R, r), self.r))
 
     def place(self) -> BodyPoint:
@@ -70,9 +71,9 @@ def tree_of(
     floats: bool,
     findings: Findings,
 ) -> Tree | None:
-    """The bodies that the joints called `moving` move; None once it is reported why there are none.
+    """The tree of bodies with the `moving` joints; None after reporting errors.
 
-    Joints of `held` stand at these positions. `floats` puts the six joints of a floating base
+    Joints in `held` have these fixed positions. `floats` inserts the six joints of a floating base
     before the root.
     """
     root = _root(urdf, findings)
@@ -106,7 +107,7 @@ def tree_of(
 
 
 def _held(frame: _Frame, joint: Joint, position: float) -> _Frame:
-    """The frame of its link where a joint stands at a position, from that where it is at 0."""
+    """The frame of a link at a fixed position of its joint, from its frame at position 0."""
     if joint.type == "prismatic":
         return frame.joined(IDENTITY, scaled(position, joint.axis))
     A = to_axis(joint.axis)
@@ -114,7 +115,7 @@ def _held(frame: _Frame, joint: Joint, position: float) -> _Frame:
 
 
 class _Growing:
-    """Bodies and frames of links while a tree is walked from its root."""
+    """Collects bodies and frames of links while the tree is traversed from its root."""
 
     def __init__(self) -> None:
         self.bodies: list[Body] = []
@@ -123,7 +124,7 @@ class _Growing:
     def moved(
         self, frame: _Frame, link: str, joint: str, axis: Vector, place: Span, *, slides: bool
     ) -> _Frame:
-        """A new body, whose frame has the joint's axis as z; the frame of its link in it."""
+        """Adds a body whose z axis is the joint's axis; returns the frame of its link."""
         A = to_axis(axis)
         body = Body(
             link=link,
@@ -143,7 +144,7 @@ class _Growing:
         return _Frame(len(self.bodies) - 1, transposed(A))
 
     def add(self, link: str, frame: _Frame, inertia: Inertia) -> None:
-        """A link that moves with the body of its frame."""
+        """Adds a link to the body of its frame."""
         self.frames[link] = frame
         # what is fixed to the world never moves: its mass changes nothing
         if frame.body != WORLD and inertia.mass > 0.0:
@@ -159,7 +160,7 @@ def _in_body(frame: _Frame, inertia: Inertia) -> Inertia:
 
 
 def _together(one: Inertia, other: Inertia) -> Inertia:
-    """Two masses as one body, by Steiner's theorem; an exact copy where there is only one."""
+    """The sum of two inertias, by Steiner's theorem; an exact copy if there is only one."""
     if one.mass == 0.0:
         return other
     mass = one.mass + other.mass
@@ -172,7 +173,7 @@ def _together(one: Inertia, other: Inertia) -> Inertia:
 
 
 def _root(urdf: Urdf, findings: Findings) -> str | None:
-    """The link that hangs on nothing, where all links hang together on it."""
+    """The only link without a parent; None after reporting that the links are no tree."""
     above: dict[str, Joint] = {}
     failed = False
     for joint in urdf.joints.values():
@@ -206,7 +207,7 @@ def _root(urdf: Urdf, findings: Findings) -> str | None:
 
 
 def _loop(urdf: Urdf, above: Mapping[str, Joint]) -> list[str] | None:
-    """Links of which each is above the next and the last above the first; None in a tree."""
+    """A cycle of links, each the parent of the next; None in a tree."""
     settled: set[str] = set()
     for name in urdf.links:
         line: list[str] = []
@@ -218,3 +219,56 @@ def _loop(urdf: Urdf, above: Mapping[str, Joint]) -> list[str] | None:
             at = above[at].parent if at in above else None
         settled.update(line)
     return None
+
+
+def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> dict[str, float]:
+    """The position of each movable joint that `moving` omits.
+
+    The position of a mimicking joint is multiplier · position + offset of its leader. Reports
+    mimicking joints whose leader moves.
+    """
+    found: dict[str, float] = {}
+    for joint in urdf.joints.values():
+        # a moving joint that mimics is left to be reported: it cannot follow and be driven
+        if not joint.moves or (joint.name in moving and joint.mimic is None):
+            continue
+        position = _position(joint, urdf, moving)
+        if position is not None and abs(position) <= LARGEST:
+            found[joint.name] = position
+        elif position is not None and joint.mimic is not None:
+            # along a chain of joints numbers of which each is small enough multiply
+            wanted = f"a position up to {LARGEST:g}"
+            place = joint.mimic.span
+            findings.report(errors.malformed_number("<mimic>", f"{position:g}", wanted, place))
+        elif joint.mimic is not None:
+            leader = joint.mimic.joint
+            # a joint that follows another one cannot be listed either
+            others = [
+                other.name
+                for other in urdf.joints.values()
+                if other.name in moving and other.mimic is None and other.name != leader
+            ]
+            report = errors.mimicking_joint(joint.name, leader, joint.mimic.span, others)
+            findings.report(report)
+    return found
+
+
+def _position(joint: Joint, urdf: Urdf, moving: Collection[str]) -> float | None:
+    """The position of a joint; None if it moves, or if its leader moves or is missing."""
+    factor, position = 1.0, 0.0
+    passed: set[str] = set()
+    while joint.moves:
+        if joint.name in moving or joint.name in passed:
+            return None
+        if joint.mimic is None:
+            return position
+        # joints that follow each other in a circle stand nowhere
+        passed.add(joint.name)
+        # m₁ (m₂ q + o₂) + o₁: offsets further on are multiplied by all factors before them
+        position += factor * joint.mimic.offset
+        factor *= joint.mimic.multiplier
+        leader = urdf.joints.get(joint.mimic.joint)
+        if leader is None:
+            return None
+        joint = leader
+    return position

@@ -1,20 +1,23 @@
-"""Reads elements and attributes of a URDF: places, directions and numbers."""
+"""Reads untrusted XML to a tree, and places, directions and numbers from its elements."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from xml.parsers import expat
 
 from msnn.features.robots import errors
 from msnn.features.robots.urdf.geometry import IDENTITY, ZERO, Matrix, Vector, rotation
-from msnn.features.robots.urdf.xml_tree import XmlElement
 from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import SourceText, Span
 
 LARGEST = 1e30
-"""In any unit: sums of mass times length squared stay far from what overflows."""
+"""Maximum magnitude in any unit, so that sums of mass times squared length cannot overflow."""
 
 
 def axis_of(element: XmlElement, what: str, findings: Findings) -> Vector | None:
-    """The unit vector of a joint, by default that of x."""
+    """The unit vector of a joint's axis, by default x; None after reporting an error."""
     found = only_element(element, "axis", what, findings)
     if found is None:
         return (1.0, 0.0, 0.0)
@@ -33,7 +36,7 @@ def axis_of(element: XmlElement, what: str, findings: Findings) -> Vector | None
 
 
 def origin_of(element: XmlElement, what: str, findings: Findings) -> tuple[Matrix, Vector]:
-    """Rotation and offset of `<origin xyz rpy>`; none where it is left out."""
+    """Rotation and offset of `<origin xyz rpy>`; identity and 0 without this element."""
     found = only_element(element, "origin", what, findings)
     if found is None:
         return IDENTITY, ZERO
@@ -50,7 +53,7 @@ def origin_of(element: XmlElement, what: str, findings: Findings) -> tuple[Matri
 
 
 def only_element(element: XmlElement, tag: str, what: str, findings: Findings) -> XmlElement | None:
-    """The element of a tag that can stand once; the first where it is reported that it does not."""
+    """The element of a tag that may occur once, or None; repeated elements are reported."""
     found = list(element.all(tag))
     for again in found[1:]:
         said, repair = f"{what} has two `<{tag}>`: which one counts?", "remove one of them"
@@ -74,7 +77,7 @@ def numbers_of(
     *,
     largest: float = LARGEST,
 ) -> tuple[float, ...] | None:
-    """The numbers of an attribute up to `largest`; None once it is reported that it has others."""
+    """The `count` values of an attribute, up to `largest`; None after reporting an error."""
     text = element.attributes.get(name)
     if text is None:
         findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))
@@ -93,3 +96,91 @@ def numbers_of(
         wanted += f" up to {largest:g}"
     findings.report(errors.malformed_number(name, text[:40], wanted, element.span))
     return None
+
+
+DEEPEST = 64
+_LONGEST_PLACE = 200
+"""Maximum number of underlined characters of a tag."""
+
+
+@dataclass(frozen=True, slots=True)
+class XmlElement:
+    """A tag with its attributes, child elements, text and the position of its first line."""
+
+    tag: str
+    attributes: Mapping[str, str]
+    span: Span
+    children: list[XmlElement] = field(default_factory=list["XmlElement"])
+    texts: list[str] = field(default_factory=list[str])
+
+    @property
+    def text(self) -> str:
+        """The text of the element outside its child elements."""
+        return "".join(self.texts)
+
+    def all(self, tag: str) -> Iterator[XmlElement]:
+        """The child elements with this tag."""
+        return (child for child in self.children if child.tag == tag)
+
+
+class _Refused(Exception):  # noqa: N818  (a fact about a text, no fault of ours)
+    """Ends the parsing of a text after its error was reported."""
+
+
+def read_xml(source: SourceText, findings: Findings) -> XmlElement | None:
+    """The root element of a text; None after reporting an error."""
+    text = source.text
+    content = text.encode()
+    stack: list[XmlElement] = []
+    roots: list[XmlElement] = []
+    parser = expat.ParserCreate("utf-8")
+
+    reached = 0, 0  # bytes and characters: places are asked for from the first to the last
+
+    def offset() -> int:
+        nonlocal reached
+        # expat counts bytes; decoding on from the last place makes all of them cost one pass
+        index = max(parser.CurrentByteIndex, reached[0])
+        reached = index, reached[1] + len(content[reached[0] : index].decode(errors="ignore"))
+        return reached[1]
+
+    def place() -> Span:
+        start = offset()
+        line = text[start : start + _LONGEST_PLACE].split("\n", 1)[0]
+        return source.span(start, start + (line.find(">") + 1 or len(line)))
+
+    def opened(tag: str, attributes: dict[str, str]) -> None:
+        element = XmlElement(tag, attributes, place())
+        if len(stack) >= DEEPEST:
+            findings.report(errors.not_urdf(f"elements in {DEEPEST} others", element.span, None))
+            raise _Refused
+        (stack[-1].children if stack else roots).append(element)
+        stack.append(element)
+
+    def closed(tag: str) -> None:
+        del tag
+        stack.pop()
+
+    def written(text: str) -> None:
+        stack[-1].texts.append(text)
+
+    def refuse(*facts: object) -> None:
+        del facts
+        findings.report(errors.document_type(place()))
+        raise _Refused
+
+    parser.StartElementHandler = opened
+    parser.EndElementHandler = closed
+    parser.CharacterDataHandler = written
+    # an entity can be declared in a document type alone: without one no text grows (billion laughs)
+    parser.StartDoctypeDeclHandler = refuse
+    parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(content, True)
+    except _Refused:
+        return None
+    except expat.ExpatError as error:
+        at = min(offset(), len(text))
+        findings.report(errors.not_xml(expat.ErrorString(error.code), source.span(at, at)))
+        return None
+    return roots[0]

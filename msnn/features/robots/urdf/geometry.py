@@ -1,4 +1,4 @@
-"""Computes with constant vectors and 3 × 3 matrices: rotations, second moments of mass."""
+"""Calculates with constant vectors and 3 × 3 matrices: rotations, second moments of mass."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Matrix = tuple[Vector, Vector, Vector]
 ZERO: Vector = (0.0, 0.0, 0.0)
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _NOTHING = 1e-15
-"""Entries of a rotation below it are what rounding leaves of sines and cosines of π/2 and π."""
+"""Smaller entries of a rotation are rounding errors of sines and cosines of π/2 and π."""
 
 
 def vector(x: float, y: float, z: float) -> Vector:
@@ -60,7 +60,7 @@ def trace(A: Matrix) -> float:
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Matrix:
-    """Rz(yaw) Ry(pitch) Rx(roll), which URDF calls `rpy`."""
+    """Rz(yaw) Ry(pitch) Rx(roll), the `rpy` angles of URDF."""
     (sr, cr), (sp, cp), (sy, cy) = ((math.sin(a), math.cos(a)) for a in (roll, pitch, yaw))
     return _clean(
         (
@@ -72,9 +72,10 @@ def rotation(roll: float, pitch: float, yaw: float) -> Matrix:
 
 
 def to_axis(axis: Vector) -> Matrix:
-    """A rotation that takes z to a unit vector; of the axes ±x, ±y, ±z one of 0, 1 and −1.
+    """A rotation that maps z to a unit vector; for ±x, ±y, ±z it contains only 0, 1 and −1.
 
-    A unit vector a little aside of an axis has a 1 too: it is the others that have to be 0.
+    A vector slightly off an axis may also contain a rounded 1, so the other elements are compared
+    with 0.
     """
     x, y, z = axis
     no_x, no_y, no_z = (_exact(number) == 0.0 for number in axis)
@@ -99,7 +100,7 @@ def second_moment(inertia: Matrix) -> Matrix:
 
 
 def cholesky(A: Matrix) -> Matrix | None:
-    """The lower triangular L of A = L Lᵀ; None where A is not positive definite."""
+    """The lower triangular L of A = L Lᵀ; None if A is not positive definite."""
     L = [[0.0] * 3 for _ in range(3)]
     for j in range(3):
         rest = A[j][j] - sum(L[j][k] ** 2 for k in range(j))
@@ -114,7 +115,7 @@ def cholesky(A: Matrix) -> Matrix | None:
 
 
 def is_positive(A: Matrix) -> bool:
-    """Whether no eigenvalue of a symmetric matrix is below 0, but for rounding."""
+    """True if no eigenvalue of a symmetric matrix is negative, except for rounding."""
     # relative to the entries: moments of files are rounded to a few digits
     shift = 1e-9 * sum(abs(number) for row in A for number in row)
     return shift == 0.0 or cholesky(sum_of(A, multiple(shift, IDENTITY))) is not None

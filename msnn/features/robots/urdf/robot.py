@@ -1,4 +1,4 @@
-"""Describes a robot: its moving bodies as a tree, each with one joint and a constant inertia."""
+"""Defines a robot: a tree of moving bodies, each with one joint and a constant inertia."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.late_dataclass import dataclass
 
 WORLD = -1
-"""The parent of a body that hangs on nothing that moves."""
+"""The parent of a body at the base."""
 
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_roll", "base_pitch", "base_yaw")
-"""Labels of the joints of a floating base, in the order of `q`."""
+"""Names of the joints of a floating base, in the order of `q`."""
 
 LEARNED = ("mass", "com", "inertia")
-"""What of its inertias a robot can learn."""
+"""The inertial parameters that a robot can learn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inertia:
-    """Mass, its centre, and Σ = ∫ (r − c)(r − c)ᵀ dm about it, along the axes of a frame."""
+    """Mass, its centre c, and Σ = ∫ (r − c)(r − c)ᵀ dm, along the axes of a frame."""
 
     mass: float = 0.0
     # Σ and not the moments: any Σ ≥ 0 is that of some body, which is what learning keeps to
@@ -31,11 +31,11 @@ class Inertia:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Body:
-    """A body that moves with one joint: a link with all that is fixed to it.
+    """A body that moves with one joint: a link and all links fixed to it.
 
-    `rotation` and `offset` lead from its frame, where the joint is at 0, to that of its parent. The
-    joint turns about z of that frame, or slides along it. `axes` lead from it to the link's frame
-    as the URDF has it.
+    `rotation` and `offset` map from its frame at joint position 0 to that of its parent. The joint
+    turns about z of that frame, or slides along it. `axes` maps from it to the link's frame in the
+    URDF.
     """
 
     link: str
@@ -51,7 +51,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyPoint:
-    """A point that moves with a body, or with nothing."""
+    """A point fixed to a body, or to the world."""
 
     body: int
     offset: Vector
@@ -59,22 +59,22 @@ class BodyPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robot:
-    """A tree of bodies, parents first; `positions` are those of their joints in q."""
+    """A tree of bodies, parents first; `positions` are the indices of their joints in q."""
 
     bodies: tuple[Body, ...]
     positions: tuple[int, ...]
     gravity: Vector
     armature: tuple[float, ...]
-    """Of each joint, in the order of q."""
+    """The armature of each joint, in the order of q."""
     frames: Mapping[str, BodyPoint] = field(default_factory=dict[str, BodyPoint])
     learned: frozenset[str] = frozenset()
-    """Of `LEARNED`."""
+    """The learned inertial parameters, a subset of `LEARNED`."""
     joint: str = "joint"
-    """Base name of the dim of q."""
+    """Base name of the dimension of q."""
 
     @property
     def heavy(self) -> tuple[int, ...]:
-        """The bodies that have a mass."""
+        """The indices of bodies with mass."""
         # frames of tools and sensors are links without mass, of which nothing can be learned
         return tuple(i for i, body in enumerate(self.bodies) if body.inertia.mass > 0.0)
 

@@ -1,4 +1,4 @@
-"""Makes of a URDF and what a spec says of it a robot, and the spec of its dims and parameters."""
+"""Builds a robot from a URDF and its entry in a spec, and the spec of its parameters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import cast
 
 from msnn.features.robots import errors
 from msnn.features.robots import keys as sections
-from msnn.features.robots.urdf.bodies import Tree, tree_of
+from msnn.features.robots.urdf.bodies import Tree, held_positions, tree_of
 from msnn.features.robots.urdf.geometry import (
     Vector,
     cholesky,
@@ -17,16 +17,14 @@ from msnn.features.robots.urdf.geometry import (
     times,
     transposed,
 )
-from msnn.features.robots.urdf.held_joints import held_positions
 from msnn.features.robots.urdf.robot import BASE_JOINTS, Body, BodyPoint, Robot
 from msnn.features.robots.urdf.urdf_file import Urdf, read_urdf
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
-from spec_schema.fields.located import Located
-from spec_schema.sections.part import PartRead, SpecAround
-from spec_schema.units.conversion import converted
+from spec_schema.fields.leaf import Located
+from spec_schema.sections.submodels import PartRead, SpecAround
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.quantity import Quantity
+from spec_schema.units.quantity import Quantity, converted
 from spec_schema.units.unit import Unit
 from spec_schema.yaml_tree.nodes import Listing, Node, Positions, Scalar, Table
 
@@ -45,7 +43,7 @@ def robot_part(
     around: SpecAround,
     findings: Findings,
 ) -> PartRead[Robot] | None:
-    """The robot of a URDF in a spec around it; None once it is reported what is wrong."""
+    """The robot of a URDF in a spec; None after reporting errors."""
     mark = findings.mark()
     urdf = read_urdf(source, findings)
     if urdf is None:
@@ -90,7 +88,7 @@ def robot_part(
 def _labels(
     entry: sections.Robot, urdf: Urdf, around: SpecAround, findings: Findings
 ) -> tuple[str, ...]:
-    """The names of the joints that move, in the order of q."""
+    """The names of the moving joints, in the order of q."""
     base: tuple[str, ...] = ()
     if entry.base is not None and entry.base.value == "floating":
         base = BASE_JOINTS
@@ -142,7 +140,7 @@ def _gravity(entry: sections.Robot, findings: Findings) -> Vector:
 def _armature(
     entry: sections.Robot, slides: Sequence[bool], findings: Findings
 ) -> tuple[float, ...]:
-    """The inertia of the motor of each joint; one number for all but those of the base."""
+    """The motor inertia of each joint, 0 for the base; a single value holds for all others."""
     if entry.armature is None:
         return (0.0,) * len(slides)
     floats = entry.base is not None and entry.base.value == "floating"
@@ -190,7 +188,7 @@ def _described(
     entry: sections.Robot,
     findings: Findings,
 ) -> Node:
-    """The spec of the dims and parameters of a robot, as if it were written in the URDF."""
+    """The spec of a robot's dimensions and parameters, located in the URDF."""
     place = urdf.span
     dims: dict[str, object] = {robot.joint: list(labels), "joint2": list(labels)}
     dims["xyz"] = list(_SPACE)
@@ -221,7 +219,7 @@ def _described(
 def _parameters(
     robot: Robot, heavy: Sequence[Body], urdf: Urdf, entry: sections.Robot, findings: Findings
 ) -> dict[str, object]:
-    """Mass, centre and extent of each body along the axes of its link, as they begin."""
+    """The initial parameters: mass, centre and extent of each body along its link's axes."""
     masses = [body.inertia.mass for body in heavy]
     # the URDF gives them along the axes of links, bodies have the joint's axis as z
     centres = [list(times(body.axes, body.inertia.com)) for body in heavy]
@@ -254,7 +252,7 @@ def _parameters(
 
 
 def _node(value: object, span: Span) -> Node:
-    """Data as a tree of one place."""
+    """Data as a YAML tree with a single source position."""
     if isinstance(value, dict):
         table = cast("dict[str, object]", value)
         entries = {key: _node(item, span) for key, item in table.items()}
@@ -271,7 +269,7 @@ def _node(value: object, span: Span) -> Node:
 
 @dataclass(frozen=True)
 class _OnePlace(Positions):
-    """Text that stands nowhere: all of it is at the place it was made from."""
+    """Text that is not in a file; all of it has the position from which it was generated."""
 
     place: Span
 

@@ -1,6 +1,6 @@
-"""Reads the links and joints of a URDF; what is drawn, collided or simulated is left out.
+"""Reads the links and joints of a URDF; elements for drawing, collision and simulation are ignored.
 
-The format: http://wiki.ros.org/urdf/XML. Lengths are m, angles rad, masses kg.
+The format: http://wiki.ros.org/urdf/XML. Lengths are in m, angles in rad, masses in kg.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from dataclasses import dataclass, field
 from msnn.features.robots import errors
 from msnn.features.robots.urdf.elements import (
     LARGEST,
+    XmlElement,
     attribute_of,
     axis_of,
     numbers_of,
     only_element,
     origin_of,
+    read_xml,
 )
 from msnn.features.robots.urdf.geometry import (
     Matrix,
@@ -27,19 +29,18 @@ from msnn.features.robots.urdf.geometry import (
     transposed,
 )
 from msnn.features.robots.urdf.robot import Inertia
-from msnn.features.robots.urdf.xml_tree import XmlElement, read_xml
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
 
 MOVING = ("revolute", "continuous", "prismatic")
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
-"""As ROS 1 and ROS 2 write it."""
+"""The element names of ROS 1 and ROS 2."""
 _XACRO = "write it out by `xacro FILE.xacro > FILE.urdf`"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """A rigid part and its inertia along its own axes; no mass where the file gives none."""
+    """A rigid part and its inertia along its own axes; without mass if the file has none."""
 
     name: str
     inertia: Inertia
@@ -48,7 +49,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mimic:
-    """A joint stands at multiplier · q + offset, q the position of another one."""
+    """Couples a joint to another one: its position is multiplier · q + offset of that joint."""
 
     joint: str
     multiplier: float
@@ -58,7 +59,7 @@ class Mimic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """Joins a link to its parent: x of the child is R x + r of the parent where it is at 0.
+    """Joins a link to its parent: x of the child is R x + r of the parent at position 0.
 
     It turns about a unit vector along the child's axes, or slides along it.
     """
@@ -88,7 +89,7 @@ class Urdf:
 
 
 def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
-    """Reads what a file describes; None once it is reported what keeps it from being read."""
+    """The links and joints of a file; None after reporting errors."""
     root = read_xml(source, findings)
     if root is None:
         return None
@@ -134,7 +135,7 @@ def _report_names(what: str, name: str, span: Span, first: Span, findings: Findi
 
 
 def _xacro_element(root: XmlElement) -> XmlElement | None:
-    """An element of xacro's namespace, whatever prefix the file has for it."""
+    """An element of xacro's namespace, whatever its prefix in the file; None if there is none."""
     waiting = [(root, frozenset(["xacro"]))]
     while waiting:
         element, prefixes = waiting.pop()
@@ -253,7 +254,7 @@ def _given(
     *,
     largest: float = LARGEST,
 ) -> dict[str, float]:
-    """The numbers of these attributes; one that is no number is reported."""
+    """The values of these attributes; reports those that are not numbers."""
     found: dict[str, float] = {}
     for name in names:
         if name in element.attributes:
@@ -264,7 +265,7 @@ def _given(
 
 
 def _look_at_limits(element: XmlElement, joint: str, type: str, findings: Findings) -> None:
-    """Reports limits that no joint has; nothing else depends on them: a robot here has none."""
+    """Reports crossed limits of a joint; nothing else uses limits."""
     names = ("lower", "upper", "effort", "velocity")
     given = _given(element, names, f"`<limit>` of `{joint}`", findings, largest=math.inf)
     # what turns endlessly has neither, whatever the file says of them
@@ -274,7 +275,7 @@ def _look_at_limits(element: XmlElement, joint: str, type: str, findings: Findin
 
 
 def _look_at_transmission(element: XmlElement, findings: Findings) -> None:
-    """Warns of gears: positions and torques of a robot are those of its joints."""
+    """Warns about gears, since positions and torques of a robot are those of its joints."""
     for part in (*element.all("joint"), *element.all("actuator"), element):
         for tag in _REDUCTIONS:
             for ratio in part.all(tag):

@@ -1,26 +1,41 @@
-"""Trains inside a generated kernel: batches, gradients and optimiser steps."""
+"""Trains inside a generated kernel, or selects a fallback if a kernel is wrong."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
+from backends.files.c_compiler import CompilerMissingError
 from backends.native.kernel import Kernel
-from backends.native.kernel_data import KernelData
-from backends.native.lanes.lane_groups import Groups
+from backends.native.kernel_data import Groups, KernelData
+from backends.native.sensitivity_kernel import StackTooSmallError
 from backends.native.variables import Method, Rule
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
-from msnn.data.starts import Runs
-from msnn.simulation.engines.kernel_check import check_kernel
-from msnn.simulation.engines.kernel_trials import check_if_fresh
+from msnn.data.rollout_rows import Runs
+from msnn.errors.learning import engines
+from msnn.errors.learning import training as errors
+from msnn.simulation.engines.kernel_check import (
+    NO_FALLBACK,
+    WrongKernelError,
+    check_if_fresh,
+    check_kernel,
+)
 from msnn.simulation.rollout import LossSum
-from msnn.training.engines.dropout_masks import factors_of
-from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
-from msnn.training.engines.own_series import own_series
-from msnn.training.plans.known_terms_of_stage import known_of
+from msnn.training.engines.engine import (
+    EngineState,
+    LossSums,
+    NonFiniteLossError,
+    factors_of,
+    own_series,
+)
+from msnn.training.plans.loss_terms import known_of
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.sections.training.optimizers import (
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.sections.optimizers import (
     Adam,
     AdamW,
     Lbfgs,
@@ -207,3 +222,62 @@ def _rule(plan: StagePlan) -> tuple[Rule, float]:
             ), lr
         case TorchOptimizer() | LevenbergMarquardt():
             raise AssertionError("these take the slopes of a kernel and step outside of it")
+
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt(Generic[Made]):
+    """The kernels of a stage; None if torch is needed, with the reasons."""
+
+    made: Made | None
+    plan: StagePlan
+    """The stage as it will run."""
+    notes: tuple[Diagnostic, ...]
+
+
+def try_natively(
+    plan: StagePlan, make: Callable[[StagePlan], Made], *, in_double: bool
+) -> Attempt[Made]:
+    """Builds and checks kernels; if they are wrong in float32, tries float64 if `in_double`.
+
+    A wrong kernel never ends a training: it is reported, and the stage uses the fallback. Raises
+    CompilerMissingError, and SpecError if `engine: native` is not possible.
+    """
+    try:
+        return Attempt(make(plan), plan, ())
+    # not a wrong kernel: the caller handles a missing compiler
+    except (CompilerMissingError, SpecError):
+        raise
+    except WrongKernelError as error:
+        _raise_if_asked(error)
+        if in_double and plan.dtype == "float32":
+            note = engines.wrong_kernel(plan.name, str(error), "in float64", plan.span)
+            # at most once, as float64 has no wider type to go on to
+            other = try_natively(replace(plan, dtype="float64"), make, in_double=False)
+            resolved = on_torch(plan) if other.made is None else other.plan
+            return Attempt(other.made, resolved, (note, *other.notes))
+        note = engines.wrong_kernel(plan.name, str(error), "with torch", plan.span)
+    except StackTooSmallError as error:
+        reason = str(error)
+        if plan.engine == "native":
+            raise SpecError((errors.no_native_engine(plan.name, reason, plan.span),)) from error
+        note = engines.kernel_not_made(plan.name, reason, plan.span, too_large=True)
+    except Exception as error:
+        _raise_if_asked(error)
+        reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]
+        if plan.engine == "native":
+            raise SpecError((errors.no_native_engine(plan.name, reason, plan.span),)) from error
+        note = engines.kernel_not_made(plan.name, reason, plan.span)
+    return Attempt(None, on_torch(plan), (note,))
+
+
+def on_torch(plan: StagePlan) -> StagePlan:
+    """The same stage without kernels."""
+    return replace(plan, engine="torch")
+
+
+def _raise_if_asked(error: Exception) -> None:
+    if os.environ.get(NO_FALLBACK):
+        raise error

@@ -3,7 +3,7 @@
 A step δ of the variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F and
 2A its curvature without second derivatives of residuals. Variables are values divided by their
 scale, of bounded parameters the physical values, which steps keep within the bounds
-(`bounded_steps`). D is the largest diagonal of A so far (Moré 1978), so that units do not matter;
+(`damped_steps`). D is the largest diagonal of A so far (Moré 1978), so that units do not matter;
 μ follows the gain of the last step (Nielsen 1999). A step is taken if it lowers the total and all
 derivatives are finite after it; without bounds, if all variables still count too (decision 0460).
 Residuals whose slopes are infinite have no share in A and g, but one in F.
@@ -19,31 +19,33 @@ import numpy as np
 from backends.gauss_newton_products import Products
 from backends.known_terms import corners
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
-from msnn.training.engines.learned_numbers import LearnedNumbers
-from msnn.training.engines.second_order.bounded_steps import VariableBounds, in_physical_units
-from msnn.training.engines.second_order.counted_products import (
-    CountedProducts,
-    counted_products,
-)
-from msnn.training.engines.second_order.joint_starts import JointStarts
-from msnn.training.engines.second_order.normal_equations import (
-    NO_INFLUENCE,
-    NormalEquations,
-    QuadraticModel,
-    in_raw_variables,
-)
-from msnn.training.engines.second_order.quadratic_terms import (
+from msnn.training.engines.second_order.damped_steps import (
     Decay,
     QuadraticTerms,
+    VariableBounds,
+    in_physical_units,
     quadratic_terms,
 )
-from msnn.training.engines.second_order.squares import Squares, loss_sums_of
-from msnn.training.plans.known_terms_of_stage import known_of
+from msnn.training.engines.second_order.normal_equations import (
+    NO_INFLUENCE,
+    CountedProducts,
+    NormalEquations,
+    QuadraticModel,
+    counted_products,
+    in_raw_variables,
+)
+from msnn.training.engines.second_order.squares import (
+    JointStarts,
+    LearnedNumbers,
+    Squares,
+    loss_sums_of,
+)
+from msnn.training.plans.loss_terms import known_of
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import EstimatedStarts
-from spec_schema.sections.training.optimizers import LevenbergMarquardt
+from spec_schema.sections.optimizers import LevenbergMarquardt
 
 NAME = "levenberg_marquardt in physical units"
 """Name in checkpoints: the variables of bounded parameters are their physical values."""
@@ -152,8 +154,10 @@ class LevenbergMarquardtEngine:
         members: IntArray | None = None,
         before: LossSums | None = None,
     ) -> LossSums:
-        """Takes one step on all rollouts; returns the losses before it. Raises
-        NonFiniteLossError.
+        """Takes one step on all rollouts, or on those in `members`; returns the losses before it.
+
+        An epoch is one step: `size` is at least the number of rollouts, and `before` is empty.
+        Raises NonFiniteLossError if a loss, its gradient or its curvature is infinite or NaN.
         """
         assert not before, "an epoch is one step"
         runs = runs if members is None else runs.take(members)

@@ -11,18 +11,26 @@ import torch
 from torch import Tensor
 
 from backends.torch_module.module import build_module
-from compiler.ir.scalars.slope_products import LARGEST_SLOPE
+from compiler.ir.slopes import LARGEST_SLOPE
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
-from msnn.data.starts import Runs
-from msnn.training.engines.dropout_masks import factors_of
-from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError, batches_of
-from msnn.training.engines.optimizer_state import flattened, placed_like, rebuilt
-from msnn.training.engines.torch.known_steps import KnownSteps
-from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
-from msnn.training.engines.torch.torch_optimizers import torch_optimizer
-from msnn.training.plans.epoch_order import shuffled
+from msnn.data.rollout_rows import Runs
+from msnn.training.engines.engine import (
+    EngineState,
+    LossSums,
+    NonFiniteLossError,
+    batches_of,
+    factors_of,
+)
+from msnn.training.engines.torch.objectives import KernelObjective, KnownSteps, TorchObjective
+from msnn.training.engines.torch.torch_optimizers import (
+    flattened,
+    placed_like,
+    rebuilt,
+    torch_optimizer,
+)
+from msnn.training.plans.epochs import shuffled
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.sections.training.optimizers import (
+from spec_schema.sections.optimizers import (
     Adam,
     AdamW,
     Lbfgs,

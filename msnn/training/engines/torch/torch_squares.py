@@ -21,11 +21,10 @@ from backends.torch_module.module import build_module
 from compiler.differentiation.sensitivities import scales_of, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.ir.program import Loss, Measure
-from compiler.ir.scalars.slope_products import LARGEST_SLOPE
+from compiler.ir.slopes import LARGEST_SLOPE
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data.starts import Runs
-from msnn.training.engines.engine import LossSums, batches_of
-from msnn.training.engines.own_series import own_series
+from msnn.data.rollout_rows import Runs
+from msnn.training.engines.engine import LossSums, batches_of, own_series
 from msnn.training.engines.torch.torch_losses import (
     TorchScoring,
     cost,

@@ -23,7 +23,7 @@ import numpy as np
 
 from backends.gauss_newton_products import Products, ProductsOfRuns, StartBlocks
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.training.engines.second_order.joint_starts import inverted_blocks
+from msnn.training.engines.second_order.squares import inverted_blocks
 from msnn.training.records.learned.information import Information, Sandwich, numbers
 
 _ROUNDS = 50

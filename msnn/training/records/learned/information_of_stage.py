@@ -10,16 +10,14 @@ import numpy as np
 from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
 from msnn.data.dataset import BoolArray, Dataset, FloatArray
-from msnn.data.reads import reads
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs, reads
 from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.rollout_plan import counted_rows, score_some, set_rollouts
 from msnn.simulation.start_fit import FoundStarts, StartFit, TakenStarts, uncertain_starts
-from msnn.training.engines.native.kernel_or_not import try_natively
-from msnn.training.engines.native.native_slopes import NativeSlopes
-from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
-from msnn.training.engines.second_order.squares import SlopedSquares
-from msnn.training.plans.squared_losses import BREAD_OF, is_all_squared
+from msnn.training.engines.native.native_engine import try_natively
+from msnn.training.engines.native.native_squares import NativeSlopes
+from msnn.training.engines.second_order.squares import JointStarts, SlopedSquares, without_starts
+from msnn.training.plans.loss_terms import BREAD_OF, is_all_squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import EstimatedStarts, StageResult

@@ -15,16 +15,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from backends.gauss_newton_products import Products, StartBlocks
-from compiler.differentiation.compared_squares import compared_squares
 from compiler.differentiation.estimated_starts import (
     estimated_states,
     offset_parameter,
     with_moved_starts,
 )
+from compiler.differentiation.training_step import compared_squares
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
-from msnn.data.starts import Runs
+from msnn.data.rollout_rows import Runs
 from msnn.simulation.rollout import moments
 from msnn.simulation.start_fit import StartFit
 from msnn.simulation.start_products import COUNT, RESIDUAL, SLOPES, with_slopes

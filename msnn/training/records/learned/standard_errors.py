@@ -33,14 +33,16 @@ from backends.known_terms import KnownTerms, in_corners
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.ir.program import Measure, Parameter
 from msnn.data.dataset import Dataset, FloatArray, IntArray
-from msnn.model.weights.covariance_file import Covariance
+from msnn.model.weights.covariance import Covariance
 from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
-from msnn.training.engines.second_order.bounded_steps import in_physical_units
-from msnn.training.engines.second_order.quadratic_terms import Decay, quadratic_terms
-from msnn.training.plans.concerned_losses import concerns
-from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
-from msnn.training.plans.squared_losses import is_all_squared, squared
+from msnn.training.engines.second_order.damped_steps import (
+    Decay,
+    in_physical_units,
+    quadratic_terms,
+)
+from msnn.training.plans.loss_terms import is_all_squared, known_of, square_by_count, squared
+from msnn.training.plans.stage_checks import concerns
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import EstimatedStarts
@@ -49,13 +51,15 @@ from msnn.training.records.learned.beside_bounds import (
     beside_bounds,
     is_near_bound,
 )
-from msnn.training.records.learned.identified import (
+from msnn.training.records.learned.information import (
+    Information,
     combinations,
     inverted,
     is_part_of,
     number_names,
+    numbers,
+    shares_of,
 )
-from msnn.training.records.learned.information import Information, numbers, shares_of
 from msnn.training.records.learned.information_of_stage import information_of, trained_runs
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 

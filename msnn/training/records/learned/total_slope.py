@@ -12,17 +12,17 @@ from backends.native.kernel import Kernel
 from backends.native.variables import by_parameter, flat
 from compiler.differentiation.interpreted_training import InterpretedTraining
 from compiler.differentiation.training_step import training_step
-from compiler.interpreter.bounded_rollouts import Rollouts
-from compiler.interpreter.bounded_sums import Total
+from compiler.interpreter.bounded import Total
+from compiler.interpreter.rounding import Rollouts
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.simulation.rollout import LossSum
-from msnn.training.engines.native.kernel_or_not import try_natively
-from msnn.training.engines.own_series import own_series
+from msnn.training.engines.engine import own_series
+from msnn.training.engines.native.native_engine import try_natively
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.learned.beside_bounds import beside_bounds_by_slope, is_near_bound
 from msnn.training.records.learned.standard_errors import StandardErrors
-from spec_schema.sections.training.optimizers import Lbfgs
+from spec_schema.sections.optimizers import Lbfgs
 
 _LOOKED_AT = 100
 """Maximum number of rollouts, and of steps of each, if the reference interpreter is used."""

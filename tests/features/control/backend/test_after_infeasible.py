@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msnn.features.control.run.solution import Status
+from msnn.features.control.run.method import Status
 from tests.conditions import require_tool
 from tests.features.control.specs import controller
 

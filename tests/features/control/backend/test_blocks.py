@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from msnn.features.control.backend import write_controller
-from msnn.features.control.backend.library import ControllerLibrary, Decision
-from msnn.features.control.backend.solution import multipliers_of, plan_of
+from msnn.features.control.backend.library import (
+    ControllerLibrary,
+    Decision,
+    multipliers_of,
+    plan_of,
+)
 from msnn.features.control.backend.structure.rows import rows_of
-from msnn.features.control.problem.optimal_control.horizon import Given, Multipliers
-from msnn.features.control.problem.optimal_control.kkt import Judge
-from msnn.features.control.problem.optimal_control.problem import ControlProblem, Structure
-from msnn.features.control.problem.optimal_control.trained import trained
+from msnn.features.control.problem.horizon import Given, Multipliers
+from msnn.features.control.problem.kkt import Judge
+from msnn.features.control.problem.optimal_control import ControlProblem, Structure
+from msnn.features.control.problem.trained import trained
 from tests.conditions import require_tool
 from tests.features.control.backend.built_controller import built_controller
 from tests.features.control.specs import load

@@ -16,8 +16,8 @@ from msnn.features.control.backend import write_controller
 from msnn.features.control.backend.inputs import input_fields
 from msnn.features.control.backend.library import ControllerLibrary
 from msnn.features.control.export.judged_controller import compare_controller
-from msnn.features.control.problem.optimal_control.problem import ControlProblem, Structure
-from msnn.features.control.problem.optimal_control.trained import trained
+from msnn.features.control.problem.optimal_control import ControlProblem, Structure
+from msnn.features.control.problem.trained import trained
 from tests.conditions import require_tool
 from tests.features.control.backend.built_controller import built_controller
 from tests.features.control.specs import load

@@ -11,14 +11,13 @@ import pytest
 
 from backends.c.host.build import build_library
 from msnn.features.control.backend import write_controller
-from msnn.features.control.backend.library import ControllerLibrary
-from msnn.features.control.backend.solution import multipliers_of, plan_of
+from msnn.features.control.backend.library import ControllerLibrary, multipliers_of, plan_of
 from msnn.features.control.backend.structure.rows import rows_of
 from msnn.features.control.export.judged_controller import compare_controller
-from msnn.features.control.problem.optimal_control.horizon import Given
-from msnn.features.control.problem.optimal_control.kkt import Judge
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.optimal_control.trained import trained
+from msnn.features.control.problem.horizon import Given
+from msnn.features.control.problem.kkt import Judge
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.problem.trained import trained
 from msnn.model.load import load_model
 from tests.conditions import require_tool
 from tests.features.control.backend.built_controller import built_controller

@@ -10,10 +10,10 @@ import pytest
 import msnn
 from backends.c.host.build import build_library
 from backends.c_language.literals import Dtype
-from msnn.features.control.backend.estimation.library import FilterLibrary
+from msnn.features.control.backend.library import FilterLibrary
 from msnn.features.control.backend.write_estimator import write_estimator
-from msnn.features.control.kalman.kalman_filter import KalmanFilter
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+from msnn.features.control.kalman_filter import KalmanFilter
+from msnn.features.control.problem.state_estimation import EstimationProblem
 from tests.conditions import require_tool
 from tests.features.control.backend.strict_builds import build_strictly
 from tests.features.control.specs import DELAYED, kalman_filter, load

@@ -10,7 +10,7 @@ import pytest
 from msnn.data.dataset import FloatArray
 from msnn.features.control.backend import write_controller
 from msnn.features.control.backend.library import ControllerLibrary
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.optimal_control import ControlProblem
 from tests.conditions import require_tool
 from tests.features.control.backend.built_controller import built_controller
 from tests.features.control.specs import load

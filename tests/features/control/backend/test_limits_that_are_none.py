@@ -13,7 +13,7 @@ from backends.c.host.build import build_library
 from backends.c_language.literals import Dtype
 from msnn.features.control.backend import write_controller
 from msnn.features.control.backend.library import ControllerLibrary, Decision
-from msnn.features.control.problem.optimal_control.problem import ControlProblem, Structure
+from msnn.features.control.problem.optimal_control import ControlProblem, Structure
 from tests.conditions import require_tool
 from tests.features.control.specs import load
 

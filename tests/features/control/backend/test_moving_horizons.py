@@ -11,10 +11,10 @@ import pytest
 import msnn
 from backends.c.host.build import build_library
 from backends.c_language.literals import Dtype
-from msnn.features.control.backend.estimation.library import FilterLibrary
+from msnn.features.control.backend.library import FilterLibrary
 from msnn.features.control.backend.write_estimator import write_estimator
-from msnn.features.control.problem.state_estimation.problem import EstimationProblem
-from msnn.features.control.run.estimation.moving_horizon import MovingHorizon
+from msnn.features.control.problem.state_estimation import EstimationProblem
+from msnn.features.control.run.moving_horizon import MovingHorizon
 from msnn.features.control.run.open_controller import open_estimator
 from tests.conditions import require_tool
 from tests.features.control.backend.strict_builds import build_strictly

@@ -15,9 +15,8 @@ import pytest
 
 from msnn.features.control.backend import write_controller
 from msnn.features.control.backend.write_controller import controller_texts
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.run.method import Solver
-from msnn.features.control.run.solution import Status
+from msnn.features.control.problem.optimal_control import ControlProblem
+from msnn.features.control.run.method import Solver, Status
 from tests.conditions import require_tool
 from tests.features.control.backend.built_controller import built_controller
 from tests.features.control.specs import controller, load

@@ -5,7 +5,7 @@ from __future__ import annotations
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.types import WINDOW, Axis, Type
-from msnn.features.control.backend.value_at_zero import values_at_zero
+from msnn.features.control.backend.stage_code.stage_graphs import values_at_zero
 
 PAST = Type((Axis(WINDOW, 3),))
 

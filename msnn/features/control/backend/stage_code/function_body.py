@@ -7,17 +7,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index, c_strides
 from backends.c_language.scope import BlockScope, LocalNames
-from backends.c_language.tree import Argument, Discard, Function, Name, Real
-from backends.c_language.used_names import used_names
+from backends.c_language.tree import Argument, Discard, Function, Name, Real, used_names
 from backends.c_lowering.graph import GraphLowering
-from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
+from backends.c_lowering.values import LocalValues
 from compiler.ir.ops import AnyRead, Constant, ReadSignal, ReadState, Window
 from compiler.ir.program import Formula, Graph, NodeId
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Vector
-from msnn.features.control.backend.stage_code.placed_matrix import PlacedMatrix
-from msnn.features.control.backend.stage_code.series import Place
+from msnn.features.control.backend.stage_code.array_places import Place, PlacedMatrix
 
 _UNROLL = 4
 """Maximum number of elements for which loops are unrolled."""

@@ -11,12 +11,16 @@ from backends.c_language.tree import Function, Name
 from compiler.hessian.step_derivatives import StepDerivatives, multiplier
 from compiler.ir.program import Formula, Graph, NodeId
 from compiler.jacobian.matrices import Vector
-from msnn.features.control.backend.stage_code.cut import CutGraph, cut_at_values, kept_signal
+from msnn.features.control.backend.stage_code.array_places import Place, PlacedMatrix
 from msnn.features.control.backend.stage_code.function_body import FunctionBody, part, vector_places
-from msnn.features.control.backend.stage_code.placed_matrix import PlacedMatrix
-from msnn.features.control.backend.stage_code.series import Place
-from msnn.features.control.backend.stage_code.values_that_end import can_end
-from msnn.features.control.backend.value_at_zero import Zeros, values_at_zero
+from msnn.features.control.backend.stage_code.stage_graphs import (
+    CutGraph,
+    Zeros,
+    can_end,
+    cut_at_values,
+    kept_signal,
+    values_at_zero,
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.types import Type
-from msnn.features.control.problem.optimal_control.problem import ControlProblem, Limits, PathLimits
+from msnn.features.control.problem.optimal_control import ControlProblem, Limits, PathLimits
 
 
 @dataclass(frozen=True, slots=True)

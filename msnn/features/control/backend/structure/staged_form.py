@@ -10,13 +10,18 @@ from numpy.typing import NDArray
 from backends.c_language.places import c_strides
 from compiler.hessian.step_derivatives import StepDerivatives, next_value
 from compiler.ir.types import Type
-from msnn.features.control.backend.stage_code.placed_matrix import PlacedMatrix
-from msnn.features.control.backend.stage_code.series import Place
+from msnn.features.control.backend.stage_code.array_places import Place, PlacedMatrix
 from msnn.features.control.backend.stage_code.stage_functions import StageArrays
-from msnn.features.control.backend.structure.form import Addresses, Form, PlanLayout
+from msnn.features.control.backend.structure.form import (
+    Addresses,
+    Form,
+    PlanLayout,
+    Stages,
+    numbers_of,
+    stages_of_problem,
+)
 from msnn.features.control.backend.structure.rows import Rows
-from msnn.features.control.backend.structure.stages import Stages, numbers_of, stages_of_problem
-from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.optimal_control import ControlProblem
 
 
 def staged_form(problem: ControlProblem, rows: Rows) -> Form:

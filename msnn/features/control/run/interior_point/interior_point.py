@@ -15,16 +15,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msnn.features.control.problem.optimal_control.horizon import Array, Given
-from msnn.features.control.problem.optimal_control.kkt import greatest
-from msnn.features.control.run.interior_point.barrier_limits import ROUNDING, BarrierLimits
-from msnn.features.control.run.interior_point.condensed_step import condensed_step
-from msnn.features.control.run.interior_point.convex import convex
-from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
-from msnn.features.control.run.interior_point.horizon_values import RowLimits, Values
-from msnn.features.control.run.interior_point.iterate import Direction, Iterate, Point
-from msnn.features.control.run.interior_point.merit import Merit, held_gaps
-from msnn.features.control.run.interior_point.riccati import newton_step
+from msnn.features.control.problem.horizon import Array, Given
+from msnn.features.control.problem.kkt import greatest
+from msnn.features.control.run.interior_point.barrier_problem import (
+    ROUNDING,
+    BarrierLimits,
+    Direction,
+    Iterate,
+    Merit,
+    Point,
+    held_gaps,
+)
+from msnn.features.control.run.interior_point.horizon_functions import (
+    HorizonFunctions,
+    RowLimits,
+    Values,
+)
+from msnn.features.control.run.interior_point.newton_step import condensed_step, convex, newton_step
 
 # the first μ of a cold start, by the steepest penalty; of a plan that is nearly right a small one
 _FIRST_BARRIER = 0.1

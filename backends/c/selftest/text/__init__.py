@@ -1,1 +1,0 @@
-"""Writes self-tests and golden vectors as C."""

@@ -1,1 +1,0 @@
-"""Makes golden vectors, and checks the results of their steps in NumPy."""

@@ -1,1 +1,0 @@
-"""Describes a unit to FMI: its variables, their units, and the XML of both versions."""

@@ -1,1 +1,0 @@
-"""Compiles exported C for this machine and calls it from Python."""

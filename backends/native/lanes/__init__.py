@@ -1,1 +1,0 @@
-"""Lowers graphs for a group of samples side by side, one in each lane of a vector."""

@@ -1,1 +1,0 @@
-"""Runs rollouts in kernels without learning: outputs, sums of losses, sensitivities."""

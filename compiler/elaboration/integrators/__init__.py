@@ -1,1 +1,0 @@
-"""Integrates continuous states over a sample."""

@@ -1,1 +1,0 @@
-"""Lowers losses: what is compared with what, and how it becomes a number."""

@@ -1,1 +1,0 @@
-"""Gives every name of a spec its nodes: constants, calls, states, buffers."""

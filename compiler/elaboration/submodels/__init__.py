@@ -1,1 +1,0 @@
-"""Joins sub-models: what feeds their inputs, and which of them a value needs."""

@@ -1,1 +1,0 @@
-"""Says which programs are legal: types, units and alignment of every operation."""

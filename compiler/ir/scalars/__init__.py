@@ -1,1 +1,0 @@
-"""Scalar functions: the table of them, their formulas, slopes and signatures."""

@@ -1,1 +1,0 @@
-"""Describes the information that programs pass to training, and training to its graphs."""

@@ -1,1 +1,0 @@
-"""Learnable arrays and their initial values."""

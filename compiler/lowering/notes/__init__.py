@@ -1,1 +1,0 @@
-"""Remembers what lowering finds on its way."""

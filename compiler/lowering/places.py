@@ -1,0 +1,150 @@
+"""Brings values to their place: the axes of their entry, the signal that they predict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from compiler.ir.program import NodeId
+from compiler.ir.rules import same_unit
+from compiler.ir.scalars import SCALAR_FUNCTIONS
+from compiler.ir.types import UNNAMED, Axis, Prediction, Type, describe_axes
+from compiler.lowering.context import Context, Kind, LoweringFailed
+from compiler.lowering.environment import STEP, Environment
+from compiler.lowering.expressions import lower, report_declared_unit
+from spec_schema.errors import names, shapes, states
+from spec_schema.expressions.tree import Binary, Call, Compare, Expression, Name, Negate, Operator
+from spec_schema.fields.formulas import Prediction as PredictionEntry
+from spec_schema.sections.signals import Output as OutputEntry
+from spec_schema.sections.signals import Signal as SignalEntry
+from spec_schema.sections.signals import State as StateEntry
+
+
+def fitted(
+    context: Context,
+    what: str,
+    node: NodeId,
+    type: Type,
+    expression: Expression,
+    environment: Environment,
+) -> NodeId:
+    """The value with exactly the axes of `type`; it is repeated along missing axes.
+
+    `node` is the value of the expression in this environment. A value without unit gets that of
+    `type`. Axes that the type lacks are reported; then it raises LoweringFailed.
+    """
+    builder = context.builder(environment)
+    if not set(builder.type(node).axes) <= set(type.axes):
+        report_surplus(context, what, node, type.axes, expression, environment)
+        raise LoweringFailed
+    if builder.type(node).unit is None:
+        builder.set_unit(node, type.unit)
+    return builder.broadcast(node, type.axes)
+
+
+_LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
+
+
+def prediction_of(context: Context, predicts: PredictionEntry, key: str) -> Prediction:
+    """The recorded sample that a key such as `predicts` names; reports a name without recording."""
+    signal = predicts.signal
+    declared = context.scope.get(signal.value)
+    if declared is None:
+        known = [n for n, d in context.scope.items() if d.kind in _LOGGED]
+        context.findings.report(
+            names.unknown_name(signal.value, signal.span, known, "an input, target or state")
+        )
+        raise LoweringFailed
+    if declared.kind not in _LOGGED:
+        context.findings.report(states.no_such_prediction(key, signal.value, signal.span))
+        raise LoweringFailed
+    context.used.add(signal.value)
+    if declared.kind is Kind.STATE:
+        context.measured.setdefault(signal.value, context.spec.states[signal.value])
+    return Prediction(signal.value, context.sampling.samples(predicts.ahead))
+
+
+def as_predicted(
+    context: Context, name: str, entry: OutputEntry, node: int, predicts: Prediction
+) -> int:
+    """The node of an output with the axes, and if it had none the unit, of the predicted signal."""
+    builder = context.builder(STEP)
+    signal = context.scope[predicts.signal].entry
+    assert isinstance(signal, SignalEntry | StateEntry)
+    target = context.axes_of(signal)
+    if not set(builder.type(node).axes) <= set(target):
+        what = f"`{name}`, which predicts `{predicts.signal}`,"
+        report_surplus(context, what, node, target, entry.expr, STEP)
+        return node
+    unit = signal.unit.value if signal.unit else None
+    own = builder.type(node).unit
+    if own is None:
+        builder.set_unit(node, unit)
+    elif unit is not None and not same_unit(own, unit):
+        report_declared_unit(context, name, own, unit, entry.expr.span)
+    return builder.broadcast(node, target)
+
+
+# the axes of their results are those of their operands, so one operand is at fault
+_ELEMENTWISE = frozenset(
+    {*SCALAR_FUNCTIONS, "min", "max", "clip", "where", "relu", "elu", "sech", "smooth_sign"}
+)
+
+
+def report_surplus(
+    context: Context,
+    what: str,
+    node: NodeId,
+    wanted: Sequence[Axis],
+    expression: Expression,
+    environment: Environment,
+) -> None:
+    """Reports that an expression has axes other than `wanted`; `node` is its value.
+
+    The reported operand of `bias + sum(q) + q` is the last term. The search descends into operands
+    as long as exactly one of them adds such an axis.
+    """
+    builder = context.builder(environment)
+    found = describe_axes(builder.type(node).axes)
+    place, operand = expression, found
+    while True:
+        bringing = [
+            (one, axes)
+            for one in _operands(context, place)
+            if not set(axes := _axes(context, one, environment)) <= set(wanted)
+        ]
+        if len(bringing) != 1:
+            break
+        place, operand = bringing[0][0], describe_axes(bringing[0][1])
+    repair = _repair(builder.type(node).axes, wanted)
+    context.findings.report(
+        shapes.wrong_axes(
+            what, describe_axes(tuple(wanted)), found, place.span, repair, operand=operand
+        )
+    )
+
+
+def _repair(axes: Sequence[Axis], wanted: Sequence[Axis]) -> str | None:
+    """The repair if a list lacks only the name of its dimension."""
+    if len(axes) == len(wanted) == 1 and axes[0] == Axis(UNNAMED, wanted[0].size):
+        return f"a list has no dim: declare it as a constant with `dims: {wanted[0].name}`"
+    return None
+
+
+def _operands(context: Context, expression: Expression) -> tuple[Expression, ...]:
+    """The operands of an elementwise operation; empty for other operations."""
+    match expression:
+        case Negate(operand=operand):
+            return (operand,)
+        case Binary(operator=operator, left=left, right=right):
+            return () if operator is Operator.CONTRACT else (left, right)
+        case Compare(left=left, right=right):
+            return left, right
+        case Call(function=Name(name=name), arguments=arguments):
+            return arguments if name in _ELEMENTWISE and name not in context.scope else ()
+        case _:
+            return ()
+
+
+def _axes(context: Context, operand: Expression, environment: Environment) -> tuple[Axis, ...]:
+    node = context.names.tried(lambda: lower(context, operand, environment))
+    return () if node is None else context.builder(environment).type(node).axes

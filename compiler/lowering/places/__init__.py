@@ -1,1 +1,0 @@
-"""Brings values to the place that they are for."""

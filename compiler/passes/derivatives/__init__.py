@@ -1,1 +1,0 @@
-"""Passes that keep derivatives finite for libraries that take them by themselves."""

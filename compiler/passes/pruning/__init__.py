@@ -1,1 +1,0 @@
-"""Passes that leave out parts of a model."""

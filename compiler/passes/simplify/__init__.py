@@ -1,1 +1,0 @@
-"""Passes that compute less for the same numbers."""

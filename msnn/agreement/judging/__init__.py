@@ -1,1 +1,0 @@
-"""Runs the reference interpreter on the inputs that an export is compared on."""

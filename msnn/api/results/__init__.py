@@ -1,1 +1,0 @@
-"""Defines the results of the functions, with tables, frames and plots."""

@@ -1,1 +1,0 @@
-"""Completes the description for calibration tools with addresses from the built program."""

@@ -1,1 +1,0 @@
-"""Diagnostics of what is measured, compared and reported of trained models."""

@@ -1,1 +1,0 @@
-"""Diagnostics of exports, and of what is brought in from other tools."""

@@ -1,1 +1,0 @@
-"""Messages about comparisons and sweeps."""

@@ -1,1 +1,0 @@
-"""Trains the trials of a comparison in local processes, or on a Ray cluster."""

@@ -1,1 +1,0 @@
-"""Writes the C self-test of a controller, with recorded (golden) solves that it must reproduce."""

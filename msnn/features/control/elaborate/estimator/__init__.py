@@ -1,1 +1,0 @@
-"""Lowers the `estimator` section: a spec to the problem of its estimator."""

@@ -1,1 +1,0 @@
-"""Makes the optimal control problem of a spec from its `mpc` section."""

@@ -1,1 +1,0 @@
-"""Kalman filters in numpy: the reference of generated filters, and the estimator in Python."""

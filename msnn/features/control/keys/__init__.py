@@ -1,1 +1,0 @@
-"""The keys of `mpc`, `estimator` and `export: {mpc: …}`."""

@@ -1,1 +1,0 @@
-"""States moving-horizon estimation as an optimal control problem."""

@@ -1,1 +1,0 @@
-"""Holds the optimal control problem of a predictive controller as data."""

@@ -1,1 +1,0 @@
-"""The moving-horizon estimator in Python, with the solvers of controllers."""

@@ -1,1 +1,0 @@
-"""The tables of `msnn show` about controllers and estimators."""

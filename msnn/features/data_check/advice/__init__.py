@@ -1,1 +1,0 @@
-"""Formats findings about data as messages with a change of the spec."""

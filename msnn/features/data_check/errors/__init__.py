@@ -1,1 +1,0 @@
-"""Messages about recorded data and about first specs of data."""

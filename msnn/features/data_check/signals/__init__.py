@@ -1,1 +1,0 @@
-"""Analyses single columns of a log: sampling, values, faults."""

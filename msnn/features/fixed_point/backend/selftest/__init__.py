@@ -1,1 +1,0 @@
-"""The self-test of C in fixed point, and the vectors of its test program."""

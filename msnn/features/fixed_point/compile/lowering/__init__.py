@@ -1,1 +1,0 @@
-"""Lowers graphs to integer nodes, and bounds what rounding costs."""

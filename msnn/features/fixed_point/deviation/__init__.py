@@ -1,1 +1,0 @@
-"""Differences between steps in integers and the same steps in real numbers."""

@@ -1,1 +1,0 @@
-"""Writes relations with weights, sets or tables as layers of a spec."""

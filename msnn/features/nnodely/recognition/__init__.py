@@ -1,1 +1,0 @@
-"""Recognises groups of relations that correspond to one construct of the language."""

@@ -1,1 +1,0 @@
-"""Reads nnodely's file: its JSON, its grammar, its graph of relations."""

@@ -1,1 +1,0 @@
-"""Builds expressions of a spec: terms, arrays of terms, values along time, names."""

@@ -1,1 +1,0 @@
-"""Draws simulations, validations and runs with matplotlib."""

@@ -1,1 +1,0 @@
-"""Builds exported C and its test harness for the host and for boards."""

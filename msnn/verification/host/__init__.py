@@ -1,1 +1,0 @@
-"""Checks exported C on this machine: builds, golden runs, coverage, fuzzing."""

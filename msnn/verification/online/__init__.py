@@ -1,1 +1,0 @@
-"""Verifies exported controllers and filters: golden solves, random inputs, boards."""

@@ -1,1 +1,0 @@
-"""The data section: files, columns, splits."""

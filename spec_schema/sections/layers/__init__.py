@@ -1,1 +1,0 @@
-"""The layers that a spec can declare, and their options."""

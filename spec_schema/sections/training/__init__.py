@@ -1,1 +1,0 @@
-"""The training section: stages, optimizers, schedules."""
