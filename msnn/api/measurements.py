@@ -19,7 +19,7 @@ from msnn.model.weights.weights_file import Weights
 from msnn.reports.simulation_plots import plot_simulation, plot_validation
 from msnn.simulation.simulate import Simulations, run_record, simulation_rows
 from msnn.tables import Table, count
-from msnn.validation.measurement import METRICS
+from msnn.validation.measurement import METRICS, UNIT_METRICS
 from msnn.validation.reports.report import limits, measurements_cells, metrics_cells
 from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import ValidationReport
@@ -305,7 +305,7 @@ class ShownReport(Shown, ValidationReport):
                 each.of,
                 metric,
                 each.metrics[metric].value,
-                unit_text(each.unit) if metric in METRICS[:3] else "",
+                unit_text(each.unit) if metric in UNIT_METRICS else "",
                 limit.get((each.of, metric, rollout_text(each), each.data), ""),
                 rollout_text(each),
                 each.data,

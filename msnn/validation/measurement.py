@@ -25,7 +25,9 @@ from msnn.validation.statistics.metrics import Errors, Scores, Spread, score
 from spec_schema.sections.training import Metric
 from spec_schema.units.unit import Unit
 
-METRICS: tuple[Metric, ...] = ("rmse", "mae", "max_abs", "fit", "r2", "fvu", "aic")
+UNIT_METRICS: tuple[Metric, ...] = ("rmse", "mae", "max_abs")
+"""The metrics in the unit of the output."""
+METRICS: tuple[Metric, ...] = (*UNIT_METRICS, "fit", "r2", "fvu", "aic")
 _POINTS = 200
 """Maximum number of points per curve; longer curves combine steps or samples."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from msnn.errors.validation import broken_limit
 from msnn.tables import Table, table_text
-from msnn.validation.measurement import METRICS, ErrorCurve, Measurement
+from msnn.validation.measurement import METRICS, UNIT_METRICS, ErrorCurve, Measurement
 from msnn.validation.reports.errors_report import coverage_record, judged_record
 from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport
@@ -82,9 +82,9 @@ def measurements_cells(report: ValidationReport) -> Table:
     rows = [
         (
             found.of,
-            *(f"{found.metrics[metric].value:.5g}" for metric in METRICS[:3]),
+            *(f"{found.metrics[metric].value:.5g}" for metric in UNIT_METRICS),
             unit_text(found.unit),
-            *(f"{found.metrics[metric].value:.5g}" for metric in METRICS[3:]),
+            *(f"{found.metrics[metric].value:.5g}" for metric in METRICS[len(UNIT_METRICS) :]),
             str(found.scored),
             rollout_text(found),
             found.data,
@@ -92,8 +92,10 @@ def measurements_cells(report: ValidationReport) -> Table:
         for found in report.measurements
     ]
     names = [{"fit": "fit %"}.get(metric, metric) for metric in METRICS]
-    header = ("of", *names[:3], "unit", *names[3:], "n", "rollout", "data")
-    return Table(header, rows, numbers=[1, 2, 3, 5, 6, 7, 8, 9])
+    before_unit = len(UNIT_METRICS)
+    header = ("of", *names[:before_unit], "unit", *names[before_unit:], "n", "rollout", "data")
+    numbers = [column for column in range(1, len(METRICS) + 3) if column != before_unit + 1]
+    return Table(header, rows, numbers=numbers)
 
 
 def curves_table(report: ValidationReport) -> str:
