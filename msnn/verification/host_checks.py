@@ -74,7 +74,11 @@ def misra_check(model: Sources) -> ProofStep:
 
     def run(folder: Path) -> Result:
         # findings of the addon are of the severity style
-        options = ["-q", *MISRA, "--std=c99", "--enable=style"]
+        # else its temporary files appear beside the sources, where the check of files sees them
+        temporary = folder / "misra"
+        temporary.mkdir()
+        build = f"--cppcheck-build-dir={temporary}"
+        options = ["-q", *MISRA, "--std=c99", "--enable=style", build]
         said = run_tool(
             [
                 CPPCHECK.command,

@@ -76,3 +76,21 @@ def test_what_is_for_clang_alone_is_a_pragma() -> None:
         assert text.count("__clang__") == len(found)
     assert "__clang__" in texts[0]
     assert "__clang__" in texts[-1]
+
+
+def test_its_temporary_files_are_not_beside_the_sources(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another check, which runs at the same time, would report them as files of the export."""
+    commands: list[list[str | Path]] = []
+    real = host_checks.run_tool
+
+    def noted(command: list[str | Path], folder: Path) -> str:
+        commands.append(command)
+        return real(command, folder)
+
+    monkeypatch.setattr(host_checks, "run_tool", noted)
+    judged(BREACH, tmp_path)
+    words = [str(word) for word in commands[0]]
+    places = [word for word in words if word.startswith("--cppcheck-build-dir=")]
+    assert [Path(place.partition("=")[2]).parent for place in places] == [tmp_path / "checked"]
