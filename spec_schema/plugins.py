@@ -102,9 +102,8 @@ def forget() -> None:
         for lines, line in reversed(_SEARCH.added):
             lines.remove(line)
         _SEARCH.added.clear()
-        registry.FUNCTIONS.clear()
-        registry.VERBS.clear()
-        registry.FORMATS.clear()
+        for names, _, _ in _NAMES.values():
+            names.clear()
         _SEARCH.plugins = None
 
 
@@ -213,34 +212,16 @@ def _looked_up() -> Plugins:
                 keys.add((kind, line.key))
             else:
                 warnings.append(_without(package, kind, line.key, reason))
-        for function in feature.functions:
-            reason = _why_not("function", function.key, package, keys, found)
-            if reason is None and function.key in _OF_THE_LANGUAGE.value:
-                reason = "msnn has a function of this name"
+        for kind, key, line in _named(feature):
+            names, ours, taken = _NAMES[kind]
+            reason = _why_not(kind, key, package, keys, found)
+            if reason is None and key in ours.value:
+                reason = taken
             if reason is None:
-                registry.FUNCTIONS[function.key] = function
-                keys.add(("function", function.key))
+                names[key] = line
+                keys.add((kind, key))
             else:
-                warnings.append(_without(package, "function", function.key, reason))
-        for verb in feature.verbs:
-            reason = _why_not("verb", verb.key, package, keys, found)
-            if reason is None and verb.key in _OF_THE_COMMAND_LINE.value:
-                reason = "msnn has a verb of this name"
-            if reason is None:
-                registry.VERBS[verb.key] = verb
-                keys.add(("verb", verb.key))
-            else:
-                warnings.append(_without(package, "verb", verb.key, reason))
-        for format in feature.formats:
-            for suffix in format.suffixes:
-                reason = _why_not("format", suffix, package, keys, found)
-                if reason is None and suffix in _OF_FILES.value:
-                    reason = "msnn reads files of this suffix"
-                if reason is None:
-                    registry.FORMATS[suffix] = format
-                    keys.add(("format", suffix))
-                else:
-                    warnings.append(_without(package, "format", suffix, reason))
+                warnings.append(_without(package, kind, key, reason))
         version = "" if point.dist is None else point.dist.version
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
@@ -271,6 +252,24 @@ def _without(package: str, kind: str, key: str, reason: str) -> Diagnostic:
 
 def _package(point: EntryPoint) -> str:
     return point.module.partition(".")[0] if point.dist is None else point.dist.name
+
+
+_NAMES: dict[str, tuple[dict[str, Any], LateObject, str]] = {
+    "function": (registry.FUNCTIONS, _OF_THE_LANGUAGE, "msnn has a function of this name"),
+    "verb": (registry.VERBS, _OF_THE_COMMAND_LINE, "msnn has a verb of this name"),
+    "format": (registry.FORMATS, _OF_FILES, "msnn reads files of this suffix"),
+}
+"""By kind: the lines of plug-ins, the names that msnn has, and why one of those is left out."""
+
+
+def _named(feature: Feature) -> Iterator[tuple[str, str, Any]]:
+    for function in feature.functions:
+        yield "function", function.key, function
+    for verb in feature.verbs:
+        yield "verb", verb.key, verb
+    for format in feature.formats:
+        for suffix in format.suffixes:
+            yield "format", suffix, format
 
 
 def _lines(feature: Feature) -> Iterator[tuple[str, FeatureLines[Any], KeyLine]]:

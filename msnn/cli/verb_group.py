@@ -125,8 +125,6 @@ def plugin_rows(
     kind: str, lines: Callable[[Feature], Sequence[VerbLine | TargetLine]]
 ) -> list[tuple[str, str]]:
     """Each name that plug-ins bring of a kind, and its help with package and version."""
-    from msnn.cli.console import report
-
     plugins = look_up()
     report(plugins.warnings, ())
     return [
