@@ -147,7 +147,7 @@ def _planned(
         elif target is None:
             findings.report(errors.nothing_predicted(name, check.of.span))
         error_unit = _error_unit(program, output)
-        unit = _metric_unit(metric, error_unit)
+        unit = metric_unit(metric, error_unit)
         missing = target is None
     elif name in losses:
         metric, unit, missing = None, None, False
@@ -191,7 +191,7 @@ def _error_unit(program: Program, output: Output) -> Unit | None:
     return unit and unit.difference
 
 
-def _metric_unit(metric: Metric, unit: Unit | None) -> Unit | None:
+def metric_unit(metric: Metric, unit: Unit | None) -> Unit | None:
     match metric:
         case "rmse" | "mae" | "max_abs":
             return unit
