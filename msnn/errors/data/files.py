@@ -1,4 +1,4 @@
-"""E0801-E0826, E0869, E1228, E1326, W0832-W0834, W0837, W0838: data files and recordings."""
+"""E0801-E0826, E0869, E1228, E1326, W0832-W0834, W0837-W0839: data files and recordings."""
 
 import math
 import re
@@ -285,3 +285,16 @@ def lost_messages(file: str, dropouts: Sequence[float], longest_at: float) -> Di
 def unread_part(file: str, reason: str) -> Diagnostic:
     """W0838: a file of which a part is not read."""
     return warning("W0838", None, f"a part of {file} is not read: {reason}")
+
+
+def start_in_doubt(file: str, first: float, last: float) -> Diagnostic:
+    """W0839: a recording whose start time cannot be that of its messages."""
+    message = (
+        f"the times of {file}, counted from its start time, are {first:.6g} s … {last:.6g} s: one "
+        "of them is damaged, or the start is of another clock"
+    )
+    repair = (
+        "`from` and `to` in seconds, and ranges of `split:`, count from that start: give times "
+        "within these, or copy the file again"
+    )
+    return warning("W0839", None, message, help=repair)

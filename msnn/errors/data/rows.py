@@ -321,10 +321,15 @@ def static_resample(span: Span | None) -> Diagnostic:
     return error("E0844", span, message, "to which time step?", help=repair)
 
 
-def time_of_another_group(column: str, file: str, other: str, span: Span | None) -> Diagnostic:
+def time_of_another_group(
+    column: str, file: str, other: str, span: Span | None, *, keeps_time: bool = True
+) -> Diagnostic:
     """E0875: a column of time that says nothing of when another column was recorded."""
     message = f"`{column}` of {file} does not have the times of `{other}`"
-    repair = "name a time that all columns have, or leave `time:` out: the file keeps times itself"
+    # a file of tables may have no other times
+    repair = "name a time that all columns have, as a channel of the same name in each group"
+    if keeps_time:
+        repair = "name a time that all columns have, or leave `time:` out: the file keeps times"
     return error("E0875", span, message, "recorded by another clock", help=repair)
 
 
