@@ -111,7 +111,7 @@ HERE = isolation.isolated(__name__)
     ("name", "reason"),
     [
         ("endless", "reading it takes more than 1 s of the processor"),
-        ("hungry", "Unable to allocate 8.00 GiB"),
+        ("hungry", "reading it takes more than 1073 MB of memory"),
         ("abort", "it ended its reader (SIGABRT)"),
     ],
 )

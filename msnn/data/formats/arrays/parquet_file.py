@@ -53,7 +53,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
             )
             return arrays.table(wanted)
     except (OSError, ValueError, arrow.ArrowException) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
 
 
 def _array(file: Any, name: str) -> NDArray[Any]:

@@ -14,14 +14,11 @@ from typing import IO, TypeAlias
 from msnn.data.formats.isolation.message import ReadRequest, read_message, write_message
 from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
-from msnn.errors.data.files import unreadable_file
+from msnn.errors.data.files import reason_of, unreadable_file
 from spec_schema.diagnostics.diagnostic import SpecError
 
 Reader: TypeAlias = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | Streams]
 """(path, its name in messages, requested columns, text layout) → columns; raises SpecError."""
-
-_LONGEST_REASON = 200
-"""Maximum number of characters of a library's error message."""
 
 
 def serve() -> None:
@@ -58,9 +55,12 @@ def _read(read: Reader, request: ReadRequest) -> ColumnTable | Streams:
         return read(request.path, request.shown, request.wanted, request.dialect)
     except SpecError:
         raise
+    except MemoryError as error:
+        # no repair: the file may be whole
+        reason = f"reading it takes more than {request.memory // 1_000_000} MB of memory"
+        raise SpecError((unreadable_file(request.shown, reason),)) from error
     except Exception as error:
-        # parsers do not check what they read: broken files show as whatever came first
-        reason = (str(error).splitlines() or [""])[0][:_LONGEST_REASON] or "it is broken"
+        reason = reason_of(error, request.path)
         raise SpecError((unreadable_file(request.shown, reason),)) from error
 
 

@@ -50,8 +50,8 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
                 return found if found is None or times is None else (times(key), found[1])
 
             return replace(stream_columns(shown, wanted, names, find), time_units=units)
-    except (OSError, MdfException, ValueError, IndexError, MemoryError) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
+    except (OSError, MdfException, ValueError, IndexError) as error:
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
 
 
 def _names(file: Any) -> list[str]:

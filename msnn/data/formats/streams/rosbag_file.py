@@ -107,7 +107,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
                 begin = _set_clocks(bag, channels, topics, wanted.time, shown)
             _fill(bag, channels, 0 if begin is None else begin.nanoseconds)
     except (OSError, AnyReaderError, TypesysError, ValueError, struct.error, KeyError) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
     # a field that the message does not have, or an index into what is no list
     except (AttributeError, TypeError, IndexError) as error:
         reason = f"a message has no such field: {error}"

@@ -140,10 +140,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
             file = _File(handle, raw_timestamps=True, read_metadata_only=True, keep_open=True)
         # npTDMS does not check what it unpacks, nor the numbers of types
         except (KeyError, struct.error) as error:
-            is_type = isinstance(error, KeyError)
-            what = (
-                "a type of data is unknown" if is_type else "its description of channels ends early"
-            )
+            what = "its description of channels ends early"
+            if isinstance(error, KeyError):
+                what = "a type of data is unknown"
             fault = errors.unreadable_file(shown, f"it is damaged: {what}")
             raise SpecError((fault,)) from error
         is_cut = _is_cut(file.end, path.stat().st_size, messages.texts, shown)
