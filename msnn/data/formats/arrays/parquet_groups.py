@@ -36,7 +36,11 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
     try:
         source = dataset.dataset(
             str(path.absolute()),
-            format="parquet",
+            format=dataset.ParquetFileFormat(
+                default_fragment_scan_options=dataset.ParquetFragmentScanOptions(
+                    page_checksum_verification=True
+                )
+            ),
             # of a lone file the folders above are not read unless asked for
             partitioning=dataset.partitioning(flavor="hive"),
         )

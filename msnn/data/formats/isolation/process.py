@@ -41,6 +41,8 @@ def _next(requests: IO[bytes]) -> ReadRequest | None:
 
 
 def _answer(request: ReadRequest) -> object:
+    # the limits of the file before: libraries need more than a small file may take
+    _limit(None, None)
     read = import_module(request.of).read if isinstance(request.of, str) else request.of
     # after the import: what the reader itself takes is no fault of the file
     _limit(request.memory, request.seconds)
@@ -64,20 +66,24 @@ def _read(read: Reader, request: ReadRequest) -> ColumnTable | Streams:
         raise SpecError((unreadable_file(request.shown, reason),)) from error
 
 
-def _limit(memory: int, seconds: int) -> None:
+def _limit(memory: int | None, seconds: int | None) -> None:
+    """Limits what the process takes from now on; None is no limit."""
     try:
         import resource
     # Windows
     except ImportError:
         return
     used = resource.getrusage(resource.RUSAGE_SELF)
+    time = int(used.ru_utime + used.ru_stime) + 1
     limits = {
-        resource.RLIMIT_AS: _address_space() + memory,
-        resource.RLIMIT_CPU: int(used.ru_utime + used.ru_stime) + 1 + seconds,
+        resource.RLIMIT_AS: None if memory is None else _address_space() + memory,
+        resource.RLIMIT_CPU: None if seconds is None else time + seconds,
     }
     for kind, limit in limits.items():
         hard = resource.getrlimit(kind)[1]
-        soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+        soft = hard
+        if limit is not None:
+            soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
         # macOS knows RLIMIT_AS and refuses it
         with suppress(ValueError, OSError):
             resource.setrlimit(kind, (soft, hard))
