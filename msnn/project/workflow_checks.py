@@ -101,7 +101,7 @@ def _columns(model: Model, sections: Sequence[Data], findings: Findings) -> None
 def _column_of(column: Column) -> str | None:
     """The only column that feeds a signal, as the spec names it."""
     keys = column.column
-    return str(keys[0]) if len(keys) == 1 else None
+    return str(keys[0].column) if len(keys) == 1 else None
 
 
 def _readers(data: Data, findings: Findings) -> None:

@@ -57,6 +57,22 @@ def test_a_bag_without_some_of_its_messages_is_refused(tmp_path: Path) -> None:
     assert "it states 200 messages of these topics, and has 199" in outcome.text
 
 
+def test_a_group_whose_data_end_early_is_read_with_a_warning(tmp_path: Path) -> None:
+    kind = kind_of("a.mf4")
+    kind.write(tmp_path / "a.mf4", fuzz.columns())
+    whole = bytearray((tmp_path / "a.mf4").read_bytes())
+    # the length of the block of data: its name (4 bytes), 4 of padding, and the length
+    at = whole.index(b"##DT") + 8
+    length = struct.unpack("<Q", whole[at : at + 8])[0]
+    whole[at : at + 8] = struct.pack("<Q", length - 4 * 24)
+    (tmp_path / "a.mf4").write_bytes(whole)
+    outcome = fuzz.read(tmp_path / "a.mf4", kind)
+    assert outcome.table is not None
+    (warning,) = outcome.table.warnings
+    assert warning.code == "W0838"
+    assert "group 0 states 200 records, its data have 196" in warning.message
+
+
 def test_a_bag_of_a_damaged_database_is_refused(tmp_path: Path) -> None:
     """SQLite passes over rows to which no page points any more."""
     kind = kind_of("a.db3")

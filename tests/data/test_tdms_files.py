@@ -251,6 +251,14 @@ def test_of_two_channels_of_dates_one_is_to_be_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(times(data), TIME, atol=1e-12)
 
 
+def test_dates_are_picked_with_their_zone(tmp_path: Path) -> None:
+    write(tmp_path / "a.tdms", [waveform(k, TIME, wf_start_time=START) for k in ("x", "F")])
+    section = "source: {train: a.tdms}\nfrom: 2023-11-14 22:13:21.25"
+    with pytest.raises(SpecError, match="E0979"):
+        load(tmp_path, f"{section}\n")
+    np.testing.assert_allclose(load(tmp_path, f"{section}Z\n").series["x"], TIME[5:])
+
+
 def test_time_is_left_out_only_where_the_file_keeps_times(tmp_path: Path) -> None:
     for step in (0.0, 0.2):
         plain = ChannelObject("A", "t", TIME)
