@@ -165,7 +165,9 @@ def _beginning(interface: Interface, variable: Variable) -> list[str]:
 def _fills(
     interface: Interface, variables: UnitVariables, marks: dict[str, int]
 ) -> list[dict[str, Any]]:
-    """The rules by which samples of an input that nobody set take the input's own value."""
+    """For windows that nobody set before the first step: rules that fill them with the input's own
+    value.
+    """
     inputs = {variable.place: variable for variable in variables.of(VariableKind.INPUT)}
     samples = {variable.place: variable for variable in variables.of(VariableKind.SAMPLES)}
     given = {input.port.signal.name: input for input in interface.inputs}

@@ -308,7 +308,7 @@ class Ranks(Protocol):
         ...
 
     def receive(self, sums: Sums) -> None:
-        """Replaces sums by those of the previous rank; the first rank keeps its own."""
+        """Replaces `sums` by those of the previous rank; the first rank keeps its own."""
         ...
 
     def hand_on(self, sums: Sums) -> None:
@@ -317,7 +317,9 @@ class Ranks(Protocol):
 
 
 class HandedSums:
-    """Calls ranks from inside a kernel; their exceptions are raised after the kernel returns."""
+    """Lets a running kernel exchange sums with other ranks; keeps exceptions until the kernel has
+    returned.
+    """
 
     def __init__(self, ranks: Ranks) -> None:
         self._ranks = ranks

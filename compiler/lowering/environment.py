@@ -45,7 +45,10 @@ class IntegratorStage:
 
 @dataclass(frozen=True, eq=False)
 class FunctionArgument:
-    """An argument of an inlined function, lowered at its use, once per time."""
+    """An argument of a function of the spec, whose formula replaces the call.
+
+    It becomes a node where the formula uses it, once for each time in `lowered`.
+    """
 
     expression: Expression
     environment: Environment
@@ -56,7 +59,9 @@ class FunctionArgument:
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """The context that determines the meaning of an expression."""
+    """Where an expression is: graph, time, integrator stage and enclosing calls, which decide what
+    its names mean.
+    """
 
     part: EnvironmentPart
     shift: int = 0
@@ -78,8 +83,10 @@ class Environment:
         return replace(self, window=(first, last))
 
     def of_entry(self) -> Environment:
-        """The environment of an equation that is used here: same time, no arguments, names of
-        the step.
+        """The environment for lowering an equation that is used here: same time, but without the
+        function arguments.
+
+        An equation used in a loss means the same as in the step (R6).
         """
         # an equation means the same in a loss as in the step (R6); it does not see the arguments
         # of a function that uses it
@@ -115,7 +122,9 @@ class Environment:
 
     @property
     def is_written(self) -> bool:
-        """True if all arguments, and those of enclosing calls, are expressions of the spec."""
+        """True if all arguments of the enclosing calls are expressions of the spec, not nodes made
+        by the compiler.
+        """
         return not any(
             argument.at_hand or not argument.environment.is_written
             for argument in self.arguments.values()
