@@ -146,7 +146,11 @@ def _declared(interface: Interface, variable: Variable) -> str:
 
 
 def _beginning(interface: Interface, variable: Variable) -> list[str]:
-    """Statements for nonzero start values of inputs and of samples before the first step."""
+    """C statements that set the start values of a variable, an input or samples before the first
+    step.
+
+    Only values other than 0 need statements.
+    """
     if variable.kind not in (VariableKind.INPUT, VariableKind.SAMPLES) or not np.any(
         variable.start
     ):

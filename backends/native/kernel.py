@@ -156,7 +156,9 @@ class Kernel:
         return KernelData(self.source, self.dtype, series, skip, scored)
 
     def _work(self, groups: Groups, largest: int) -> WorkStruct:
-        """Memory for a call with batches of at most `largest` groups; later calls reuse it."""
+        """The working memory of a call whose batches have at most `largest` groups; later calls
+        reuse it.
+        """
         steps = int(groups["steps"].max())
         # calls of a training are similar: the size is computed once
         if (steps, largest) == self._reserved:

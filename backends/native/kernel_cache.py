@@ -58,7 +58,7 @@ def is_trusted_file(descriptor: int) -> bool:
 
 
 def _stranger(found: os.stat_result) -> str | None:
-    """The owner, unless it is this user or root."""
+    """The owner of a file, as text, if it is neither this user nor root; otherwise None."""
     if found.st_uid in (os.geteuid(), 0):
         return None
     import pwd  # of POSIX alone

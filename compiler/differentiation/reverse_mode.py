@@ -326,7 +326,11 @@ def gradient_nodes(
 def element_gradients(
     builder: GraphBuilder, value: NodeId, wanted: Sequence[NodeId]
 ) -> list[list[NodeId | None]]:
-    """The same for each element of the value separately, in C order: the rows of a Jacobian."""
+    """∂(element)/∂w for each element of the value, in C order, and each wanted node w: rows of a
+    Jacobian.
+
+    None if an element does not depend on w.
+    """
     differentiated = _Differentiated(builder, value)
     # one row for each element: weight 1 for it, 0 for all others
     rows = np.eye(builder.type(value).size)

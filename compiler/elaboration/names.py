@@ -180,7 +180,7 @@ class Elaboration:
     # ---- calls
 
     def call(self, call: Call, environment: Environment) -> NodeId:
-        """The value of a layer, function or builtin."""
+        """The node of a call of a layer, a function of the spec or a builtin."""
         function = call.function
         if isinstance(function, Member):
             part = self._part_of(function)
@@ -237,7 +237,7 @@ class Elaboration:
     # ---- entries
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The right-hand side of a continuous state."""
+        """The node of the right-hand side of a continuous state, its time derivative."""
         return self.states.derivative(name, entry, span, environment)
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:

@@ -47,7 +47,9 @@ class Renaming:
         return cast("T", self._renamed(entry, frozenset()))
 
     def _renamed(self, value: Any, arguments: frozenset[str]) -> Any:
-        """`arguments` are names of the function around it, which stay as they are."""
+        """A copy of any part of an entry with full names; `arguments` are names of function
+        arguments, which stay.
+        """
         match value:
             case None | str() | int() | float() | Span() | Unit() | Quantity():
                 return cast("Any", value)  # most of what there is

@@ -263,7 +263,7 @@ class Names(Protocol):
         ...
 
     def call(self, call: Call, environment: Environment) -> NodeId:
-        """The value of a layer, function or builtin."""
+        """The node of a call of a layer, a function of the spec or a builtin."""
         ...
 
     def declared(self, name: str, span: Span) -> Declaration:
@@ -271,7 +271,7 @@ class Names(Protocol):
         ...
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The right-hand side of a continuous state."""
+        """The node of the right-hand side of a continuous state, its time derivative."""
         ...
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:

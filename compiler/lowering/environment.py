@@ -75,11 +75,11 @@ class Environment:
     """The functions being inlined, outermost first."""
 
     def shifted(self, samples: int) -> Environment:
-        """The environment `samples` later."""
+        """The environment for reading every signal `samples` later; negative for earlier."""
         return replace(self, shift=self.shift + samples)
 
     def over(self, first: int, last: int) -> Environment:
-        """The environment over the window t+first … t+last."""
+        """The environment in which every signal is read over the window t+first … t+last."""
         return replace(self, window=(first, last))
 
     def of_entry(self) -> Environment:
@@ -94,11 +94,13 @@ class Environment:
         return replace(self, part=part, arguments={}, functions=())
 
     def inside(self, function: str, arguments: Mapping[str, FunctionArgument]) -> Environment:
-        """The environment of a function's formula that is inlined here."""
+        """The environment for lowering the formula of a function at its call, with the call's
+        arguments.
+        """
         return replace(self, arguments=arguments, functions=(*self.functions, function))
 
     def at_time_of(self, other: Environment) -> Environment:
-        """This environment at the time of another one."""
+        """This environment with the shift and window of another one."""
         return replace(self, shift=other.shift, window=other.window)
 
     def without_stage(self) -> Environment:
@@ -112,7 +114,9 @@ class Environment:
         return self.in_graph_of(EnvironmentPart.START)
 
     def in_graph_of(self, part: EnvironmentPart) -> Environment:
-        """This environment in another graph."""
+        """This environment for lowering into the graph of another part of the program, such as the
+        start.
+        """
         # arguments are lowered again: their node ids so far belong to the previous graph
         arguments = {
             name: FunctionArgument(argument.expression, argument.environment.in_graph_of(part))
