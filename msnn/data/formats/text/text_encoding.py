@@ -101,10 +101,9 @@ def not_utf8(path: Path, shown: str, error: UnicodeDecodeError) -> Diagnostic:
     # a guess that the message shows as a command, not one that is read by
     encoding = _MARKS.get(begin[:2], _EUROPEAN)
     if begin[:2] not in _MARKS and any(byte in _CONTROLS for byte in begin):
-        from msnn.data.formats.table_of_formats import SUFFIXES
-
         reason = "it is neither text nor of a format that its name or its first bytes show"
-        repair = f"export it to CSV, or to a file that ends in {', '.join(SUFFIXES[4:])}"
+        known = [suffix for _, suffix in _OTHERS.values()]
+        repair = f"export it to CSV, or to a file that ends in {', '.join(known)}"
         return unreadable_file(shown, reason, repair)
     reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
     name = shlex.quote(shown)
