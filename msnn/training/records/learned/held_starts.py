@@ -100,7 +100,9 @@ class HeldStarts:
         return {}
 
     def of(self, free: IntArray) -> Information:
-        """The information about a subset of the elements."""
+        """The same information about only the elements with the indices `free`; the others are
+        fixed.
+        """
         some: dict[str, Products] = {}
         for name, one in self.products.items():
             blocks = _blocks(one)
@@ -112,15 +114,22 @@ class HeldStarts:
         return replace(self, products=some, follows=self.follows[:, free], slopes=slopes)
 
     def curvature(self) -> FloatArray:
-        """Σ cₗ DₗᵀDₗ."""
+        """Σ cₗ DₗᵀDₗ (see the module): the Gauss-Newton curvature if initial states follow the
+        parameters.
+        """
         return np.asarray(sum(c * self._moving(name) for name, c in self.shares.items()))
 
     def equations(self) -> FloatArray | None:
-        """M = Σ cₗ JₗᵀDₗ."""
+        """M = Σ cₗ JₗᵀDₗ (see the module), which maps a change of the parameters to the
+        gradient.
+        """
         return np.asarray(sum(c * self._crossing(name) for name, c in self.shares.items()))
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """cₗ² JₗᵀJₗ + Σ G c̃ₗ² K̃ₗᵀK̃ₗ Gᵀ over runs that do not overlap."""
+        """The covariance of the gradient by the noise of each loss, for noise of variance 1.
+
+        cₗ² JₗᵀJₗ + Σ G c̃ₗ² K̃ₗᵀK̃ₗ Gᵀ over runs that do not overlap.
+        """
         if self.slopes is not None:
             return self.slopes
         return {
@@ -160,7 +169,9 @@ class HeldStarts:
 
     @cached_property
     def carried(self) -> FloatArray:
-        """G of each run."""
+        """G of each run, (runs, elements, elements of x): how initial states change the gradient
+        (see the module).
+        """
         cross = sum(c * _blocks(self.products[name]).cross for name, c in self.shares.items())
         return np.asarray(cross) @ self.inverse
 
