@@ -17,7 +17,7 @@ from msnn.tables import Table
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Picture:
-    """A plot that a notebook displays as the last value of a cell."""
+    """A plot as PNG bytes, which a notebook displays as the last value of a cell."""
 
     png: bytes
 
@@ -29,7 +29,7 @@ class Picture:
 
 
 class Shown:
-    """A result with tables; subclasses define the methods below."""
+    """A result that a notebook shows as tables; subclasses define the private methods below."""
 
     __slots__ = ()
 
@@ -65,7 +65,7 @@ class Shown:
 
     @abstractmethod
     def _said(self) -> str:
-        """The result in a line."""
+        """The result in one line of text."""
 
     @abstractmethod
     def _tables(self) -> Sequence[Table]:

@@ -30,7 +30,9 @@ RUNS_SHOWN = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptSpec:
-    """The spec and its parts as a run saved them, with the paths they had when the run began."""
+    """The spec and its files as a run saved them, with the paths that they had when the run
+    began.
+    """
 
     path: Path
     """Path of the spec: the original one if its folder exists here, else the copy in the run."""
@@ -83,7 +85,7 @@ def run_of(path: Path) -> Path | None:
 
 
 def is_kept(file: Path) -> bool:
-    """True if a file belongs to a run and was not added to its folder by a user."""
+    """True if msnn has written this file into the folder of a run."""
     if file.parent.name == PARTS:
         return (file.parent.parent / DESCRIPTION).is_file()
     named = (DESCRIPTION, SPEC, PARAMETERS, METRICS)

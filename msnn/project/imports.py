@@ -26,13 +26,13 @@ def away_from_folder() -> Generator[None]:
 
 
 def load_away_from_folder() -> None:
-    """Activates this import behaviour for the process."""
+    """Makes later imports of certain packages ignore modules in the working folder."""
     if _Finder not in sys.meta_path:
         sys.meta_path.insert(0, _Finder)
 
 
 class _Finder:
-    """A finder that imports these packages normally, but with another working folder."""
+    """An import finder that looks for certain packages with another working folder."""
 
     @classmethod
     def find_spec(

@@ -20,7 +20,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 @dataclass(frozen=True, slots=True)
 class RolloutRow:
-    """One step of the rollouts that still run, the longest first."""
+    """The values of one step in all rollouts that still run, the longest first."""
 
     number: int
     """Index of the step, 0 at the start of each rollout."""
@@ -32,7 +32,9 @@ class RolloutRow:
 
 @dataclass(frozen=True, slots=True)
 class LossSum:
-    """Σ of a loss over all scored elements, and their count; both weighted by row factors."""
+    """The sum of a loss over all scored elements, and their number; both weighted by row
+    factors.
+    """
 
     total: float
     count: float
@@ -64,7 +66,10 @@ def longest_first(runs: Runs) -> IntArray:
 def moments(
     interpreter: Interpreter, series: Mapping[str, FloatArray], runs: Runs, *, losses: bool
 ) -> Iterator[RolloutRow]:
-    """Yields every step of all rollouts; rollouts that have ended are omitted."""
+    """Simulates rollouts and yields their steps one after the other, for all rollouts together.
+
+    With `losses`, each step also has predictions and targets of losses. Ended rollouts are omitted.
+    """
     order = longest_first(runs)
     t0, steps = runs.t0[order], runs.steps[order]
     if not len(order):
@@ -157,7 +162,11 @@ def _sum(
 
 
 def cost(loss: Loss, prediction: FloatArray, target: FloatArray | None) -> FloatArray:
-    """The contribution of each element to the mean of a loss."""
+    """The loss of each element: its squared error, absolute error, Huber cost or the prediction
+    itself.
+
+    A loss is the mean of these (its root for RMSE). Target None means 0.
+    """
     error = prediction if target is None else prediction - target
     match loss.measure:
         case Measure.MSE | Measure.RMSE:

@@ -99,7 +99,7 @@ _OF_LOSSES = 1e-6
 
 
 def metric_in_doubt(plan: CheckPlan, errors: Errors, largest: float, parameters: int) -> bool:
-    """True if a limit lies within the possible difference between two engines.
+    """True if a metric is so near to a limit that another engine's rounding could decide otherwise.
 
     `largest` is the size of the predictions; `parameters` is as for `score`.
     """
@@ -115,7 +115,7 @@ def metric_in_doubt(plan: CheckPlan, errors: Errors, largest: float, parameters:
 
 
 def loss_in_doubt(plan: CheckPlan, value: float) -> bool:
-    """The same for a loss."""
+    """The same for the value of a loss: True if it is within rounding of a limit."""
     apart = _OF_LOSSES * abs(value)
     return _is_between(plan, value - apart, value + apart)
 
@@ -193,7 +193,9 @@ class RowErrors:
         self._seen = np.zeros(rows, np.bool_)
 
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
-        """Adds predictions with their rows, in the order of rollouts."""
+        """Adds predictions, (samples, *shape), with their rows; the first one of each row
+        is used.
+        """
         # rollouts that overlap predict a row several times: the first one counts
         new = np.flatnonzero(~self._seen[rows])
         # the first of those within this block
@@ -281,8 +283,9 @@ _AT_ONCE = 1 << 16
 
 
 class Measuring:
-    """Accumulates one output for one kind of simulation; memory is one value per row of the
-    data.
+    """Collects the errors of one output during a simulation, and computes its metrics at the end.
+
+    Memory is one value per row of the data.
     """
 
     def __init__(self, check: ReadyCheck, parts: Iterable[Runs], learned: int) -> None:
@@ -332,7 +335,7 @@ class Measuring:
         return metric_in_doubt(plan, self._errors, self._largest, self._learned)
 
     def measurement(self, *, judges: bool) -> Measurement:
-        """The measurement of all parts; `judges` adds the analysis of errors."""
+        """The metrics of everything that was added; `judges` adds the analysis of errors."""
         assert self._along is not None, "there are rollouts"
         # handed over and let go: the next entry may need the memory
         (extremes, by_row), self._along = self._along, None

@@ -45,7 +45,7 @@ Outcome = Measurement | LossValue
 
 @dataclass(frozen=True, slots=True)
 class FoundOutcomes:
-    """The outcomes of some entries; `is_doubtful` if a limit is within rounding of one."""
+    """The results of some entries; `is_doubtful` if one is within rounding of a limit."""
 
     outcomes: list[Outcome]
     is_doubtful: bool
@@ -70,7 +70,7 @@ class Simulator:
         """Notes for the user about the selection of engines."""
 
     def outcomes(self, checks: Sequence[ReadyCheck]) -> list[Outcome]:
-        """The outcome of every entry; entries with the same evaluation share it."""
+        """The result of every entry of `validate`; entries with the same evaluation share it."""
         found: dict[int, Outcome] = {}
         # a rollout answers all entries that are simulated alike: outputs apart from losses, as the
         # two keep different nodes
@@ -124,7 +124,9 @@ class Simulator:
     def _judged(
         self, program: Program, check: ReadyCheck, found: Callable[[RolloutEngine], FoundOutcomes]
     ) -> list[Outcome]:
-        """The outcomes of the engine; of the interpreter if a limit is within rounding."""
+        """The results of the engine; those of the interpreter if one is within rounding of
+        a limit.
+        """
         opened = self._opened(program, check)
         # limits are checked with the interpreter if engines could disagree (decision 0218)
         answer = found(opened.engine)
@@ -139,7 +141,7 @@ class Simulator:
 
 
 def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
-    """Groups of entries that the same rollouts serve, outputs and losses apart."""
+    """Groups of indices of entries that need the same simulation; outputs and losses are apart."""
     groups: list[list[int]] = []
     for index, check in enumerate(checks):
         is_loss = check.plan.metric is None

@@ -64,7 +64,9 @@ class Diagnostic:
 
 
 class Facts(TypedDict, total=False):
-    """The parts of a message beside its sentence, as `Diagnostic` has them."""
+    """The optional parts of a diagnostic, as keyword arguments: further places, notes, help,
+    replacement.
+    """
 
     secondary: Secondary
     notes: tuple[str, ...]
@@ -96,9 +98,9 @@ def remark(
 
 
 class SpecError(Exception):
-    """A stage failed; carries every diagnostic of that stage, warnings included.
+    """A spec, data or weights are wrong; the exception has every diagnostic, warnings included.
 
-    `sources` are the texts that spans point into, where the one who raises it has them.
+    `sources` are the texts that the diagnostics point into, as far as they are known.
     """
 
     def __init__(
@@ -142,7 +144,7 @@ class Findings:
         self._diagnostics.update(dict.fromkeys(diagnostics))
 
     def mark(self) -> int:
-        """The current number of diagnostics, as argument for `forget`."""
+        """The number of diagnostics so far; an argument of `since` and `forget`."""
         return len(self._diagnostics)
 
     def since(self, mark: int) -> tuple[Diagnostic, ...]:
@@ -150,7 +152,7 @@ class Findings:
         return tuple(self._diagnostics)[mark:]
 
     def forget(self, mark: int) -> None:
-        """Removes the diagnostics after a mark, for a failed attempt without consequences."""
+        """Removes the diagnostics after a mark, if an attempt failed and another one follows."""
         # what is reported again after `mark` kept its first place, and stays
         for diagnostic in list(self._diagnostics)[mark:]:
             del self._diagnostics[diagnostic]
@@ -195,7 +197,7 @@ class _Mark:
 
 
 class Told(Protocol):
-    """The displayed parts of a diagnostic, without control characters."""
+    """A diagnostic as it is printed, without control characters."""
 
     @property
     def code(self) -> str: ...

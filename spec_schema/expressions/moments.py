@@ -44,7 +44,9 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Date:
-    """`2026-03-01 08:00`: a date as a position in date columns."""
+    """A date as the spec writes it, `2026-03-01 08:00`, as a position in data with a date
+    column.
+    """
 
     moment: Moment
     text: str = field(compare=False)

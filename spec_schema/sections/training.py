@@ -110,7 +110,7 @@ class Schedule(OneOf):
 
     @property
     def choice(self) -> Cosine | Exponential | Step | Plateau:
-        """The one that is given."""
+        """The settings of the chosen schedule."""
         given = self.cosine or self.exponential or self.step or self.plateau
         assert given is not None
         return given

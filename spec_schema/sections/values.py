@@ -183,7 +183,7 @@ class Initializer(OneOf):
 
     @property
     def choice(self) -> InitialValue:
-        """The one that is given."""
+        """The settings of the chosen form."""
         # `OneOf` has seen to it that exactly one is given, so the order of these does not matter
         random = self.normal or self.uniform
         given = self.value or random or self.exp or self.negexp or self.lin or self.file

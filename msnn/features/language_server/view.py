@@ -36,7 +36,7 @@ class Word:
 
     @property
     def heading(self) -> Heading:
-        """Its place."""
+        """The place of the name as a heading of the text."""
         return Heading(self.text, self.line, self.start, self.line)
 
 

@@ -48,7 +48,9 @@ class Covariance:
         return cls({name: weights[name] for name in order}, matrix[np.ix_(numbers, numbers)])
 
     def root(self, names: Sequence[str]) -> FloatArray:
-        """L with L Lᵀ = the part of the matrix for these parameters, in their order."""
+        """A square root L, (n, n), of the covariance of these parameters: L Lᵀ is their part of the
+        matrix.
+        """
         places = _places(list(self.values), self.values)
         numbers = np.concatenate([places[name] for name in names])
         part = self.matrix[np.ix_(numbers, numbers)]
@@ -138,10 +140,10 @@ class _HasErrors(Protocol):
 
 
 def known_covariance(weights: Weights | None, known: Mapping[str, FloatArray]) -> Covariance:
-    """The covariance of what a training has learned; `known` are the values of the weights.
+    """The covariance that belongs to weights; `known` are their values.
 
-    Of the path of a weights file or a run, or of a result of `train`. Raises SpecError where there
-    is none, and where it is of other values.
+    `weights` is the path of a weights file or of a run, or a result of `train`. Raises SpecError if
+    there is no covariance, or if it belongs to other values.
     """
     if isinstance(weights, str | Path):
         return read_covariance(weights_path(weights), known)

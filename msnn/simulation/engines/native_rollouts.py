@@ -35,7 +35,10 @@ _ROWS = 4096
 
 
 class NativeRollouts:
-    """The native engine of one program. Raises CompilerMissingError."""
+    """An engine that simulates in compiled C.
+
+    Raises CompilerMissingError if there is no C compiler.
+    """
 
     def __init__(
         self, program: Program, weights: Mapping[str, FloatArray], series: Mapping[str, FloatArray]
@@ -121,7 +124,9 @@ def _beginning(program: Program, series: Weights, runs: Runs) -> tuple[Weights, 
 
 
 def _by_name(program: Program, rolled: FloatArray) -> dict[str, FloatArray]:
-    """The columns of every output, reshaped to its shape."""
+    """Splits the columns of all outputs, (steps, elements), into an array (steps, *shape) per
+    output.
+    """
     found: dict[str, FloatArray] = {}
     begin = 0
     for output in program.outputs:

@@ -33,7 +33,9 @@ _FEW = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correlation:
-    """A correlation function with its band, which contains 99 % of the values for noise."""
+    """A correlation function at some lags, and the band in which 99 % of the values of
+    noise lie.
+    """
 
     lags: IntArray
     """Lags in samples; at positive lags, the error is later than the other signal."""

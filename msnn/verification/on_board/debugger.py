@@ -32,7 +32,7 @@ class RefusedMemoryError(Exception):
 
 
 class Debugger:
-    """A core behind a gdb server."""
+    """An ARM core that is controlled through a gdb server: memory, registers, breakpoints."""
 
     def __init__(self, packets: Packets) -> None:
         self._packets = packets
@@ -44,7 +44,7 @@ class Debugger:
             raise StubFailedError("the core is no ARM Cortex-M")
 
     def monitor(self, command: str) -> None:
-        """Sends a command to the server itself."""
+        """Sends a command to the gdb server itself, such as `reset halt`."""
         # the text of the command in hexadecimal digits
         self._packets.ask(b"qRcmd," + command.encode().hex().encode())
 
