@@ -42,7 +42,7 @@ _MEASURES = ("mse", "rmse", "mae", "huber")
 
 @dataclass(frozen=True, slots=True)
 class RandomStage:
-    """What a stage trains on, and where it begins."""
+    """A random training stage: its model, its data and its initial weights."""
 
     text: str
     program: Program
@@ -93,7 +93,9 @@ def _followed(
     share: float,
     random: np.random.Generator,
 ) -> FloatArray:
-    """Rows of x that are what the step predicts from the rows before, and noise."""
+    """Data of x that the model predicts exactly from the rows before, plus noise of size
+    `share`.
+    """
     if share == 1.0:
         return log["x"]
     found = {name: values.copy() for name, values in log.items()}

@@ -22,22 +22,22 @@ ANGLES = slice(3, 6)
 
 @dataclass(frozen=True)
 class Twist:
-    """The base at one state: E and its derivative Ė, with ω in the axes that were asked for."""
+    """The matrices that convert speeds of the base in one state: E and its derivative Ė."""
 
     rotation: Array
     E: Array
     slope: Array
 
     def speeds(self, dx: Array) -> Array:
-        """v of ẋ."""
+        """v from ẋ."""
         return self._turned(self.E, dx)
 
     def forces(self, torques: Array) -> Array:
-        """τ_v of τ_ẋ."""
+        """τ_v from τ_ẋ."""
         return self._turned(np.linalg.inv(self.E).T, torques)
 
     def accelerations(self, dv: Array, dx: Array) -> Array:
-        """ẍ of v̇."""
+        """ẍ from v̇."""
         left = dv.copy()
         left[ANGLES] -= self.slope @ dx[ANGLES]
         return self._turned(np.linalg.inv(self.E), left)

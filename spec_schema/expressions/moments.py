@@ -44,9 +44,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Date:
-    """A date as the spec writes it, `2026-03-01 08:00`, as a position in data with a date
-    column.
-    """
+    """`2026-03-01 08:00`: a date, which selects rows of data that have a column of dates."""
 
     moment: Moment
     text: str = field(compare=False)
