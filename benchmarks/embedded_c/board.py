@@ -99,7 +99,7 @@ def _run(program: Path) -> tuple[list[int], NDArray[np.float32]]:
 
 
 def _size(program: Path) -> list[int]:
-    """Bytes of text with constants, .data and .bss."""
+    """Bytes of a program: code with constants (text), .data and .bss."""
     return [int(n) for n in _tool(["arm-none-eabi-size", program]).splitlines()[1].split()[:3]]
 
 

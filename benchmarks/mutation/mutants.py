@@ -60,7 +60,7 @@ def value_mutants(source: str) -> Iterator[Mutant]:
 
 
 def last_digit_mutants(source: str) -> Iterator[Mutant]:
-    """Constants of mathematical functions, in single or double precision."""
+    """Yields faults in the last digit of constants of mathematical functions."""
     yield from _mutants("last digit", "", source, last_digits)
 
 

@@ -54,7 +54,9 @@ class RandomStage:
 
 
 def random_stage(seed: int) -> RandomStage:
-    """The stage of this number: its residuals are from 0 and 1e-6 of the signal to all of it."""
+    """The random training stage of a seed; its residuals are 0, or from 1e-6 of the signal up to
+    its size.
+    """
     random = np.random.default_rng((180, seed))
     pick = random.choice
     size = 10.0 ** random.uniform(-3, 5)

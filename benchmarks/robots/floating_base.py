@@ -49,7 +49,10 @@ class Twist:
 
 
 def twist(x: Array, dx: Array, *, of_body: bool) -> Twist:
-    """The base at coordinates and speeds; ω along the axes of the body, or of the world."""
+    """The conversion of speeds of the base at coordinates x and speeds ẋ.
+
+    ω is along the axes of the body if `of_body`, else of the world.
+    """
     (sf, st, sp), (cf, ct, cp) = np.sin(x[ANGLES]), np.cos(x[ANGLES])
     df, dt, dp = dx[ANGLES]
     yaw = np.array([[cp, -sp, 0], [sp, cp, 0], [0, 0, 1]])

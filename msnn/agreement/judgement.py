@@ -230,7 +230,10 @@ class Loaded:
 def loaded_by_steps(
     start: Start, step: Step, slopes: Callable[[], ExportedSlopes | None] = no_slopes
 ) -> Loaded:
-    """An export with explicit states, simulated by single steps."""
+    """An export with explicit states, made from its functions for the start and for single steps.
+
+    A simulation calls `step` for each sample.
+    """
 
     def run(beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
         states = start(beginning)

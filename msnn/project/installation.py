@@ -104,7 +104,7 @@ class KernelCache:
 
     @property
     def warnings(self) -> tuple[Diagnostic, ...]:
-        """A warning if another folder was preferred."""
+        """A warning if the preferred folder of compiled kernels cannot be used."""
         return kernel_folder_warnings(self.taken)
 
     def values(self) -> dict[str, Any]:

@@ -143,7 +143,7 @@ def _stage(attempts: Mapping[int, list[EpochEnd]], reason: str) -> TrainedStage:
 
 
 def run_text(run: Run) -> str:
-    """Tables of the run's configuration and results, and commands to continue."""
+    """A text about a run: its configuration, results, and commands to continue."""
     parts = [_heading(run)]
     if run.stages:
         parts.append(stages_table([(stage.reached, stage.losses) for stage in run.stages]))

@@ -234,7 +234,10 @@ class StartFit:
 
 
 def _weighted(sums: Mapping[str, RunSums], shares: Mapping[str, float]) -> RunProducts:
-    """Σ of weight / count times the products of each loss; a loss without rows adds 0."""
+    """The total over losses, for each rollout: Σ weight / count times the sums of a loss.
+
+    A loss without scored rows adds 0.
+    """
     found: list[RunProducts] = []
     for name, one in sums.items():
         scored = one.count > 0

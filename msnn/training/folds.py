@@ -49,7 +49,9 @@ class Fold:
 
 @dataclass(frozen=True, slots=True)
 class FoldsResult:
-    """All folds in order, and the folder with one sub-folder per fold."""
+    """The result of a cross-validation: all trained folds, and the folder with one sub-folder per
+    fold.
+    """
 
     folds: tuple[Fold, ...]
     folder: Path | None

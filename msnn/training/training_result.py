@@ -64,7 +64,9 @@ class TrainingDivergedError(Exception):
         self.sources = sources
 
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
-        """Pickles the exception by its arguments, so that a process pool can return it."""
+        """Tells pickle to rebuild the exception from its arguments, so that a process pool can
+        return it.
+        """
         return _diverged, (self.diagnostic, self.result, self.is_latest, self.sources)
 
     def _render_traceback_(self) -> list[str]:
@@ -93,7 +95,9 @@ class TrainingInterruptedError(Exception):
         self.result = result
 
     def __reduce__(self) -> tuple[type[TrainingInterruptedError], tuple[TrainingResult]]:
-        """Pickles the exception by its result, so that a process pool can return it."""
+        """Tells pickle to rebuild the exception from its result, so that a process pool can return
+        it.
+        """
         return TrainingInterruptedError, (self.result,)
 
     def _render_traceback_(self) -> list[str]:

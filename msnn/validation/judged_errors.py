@@ -29,7 +29,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extrapolation:
-    """Scored samples whose input is outside the training range."""
+    """The scored samples at which an input is outside the range that it has in training."""
 
     signal: str
     share: float

@@ -246,7 +246,7 @@ def _full_text(diagnostic: Told, texts: Mapping[str, SourceText], color: bool) -
 
 
 def _marks(diagnostic: Told, main: Span) -> list[_Mark]:
-    """All underlines: first those in the main file, then by file and line."""
+    """All underlines of a diagnostic: those in the file of its main place first, sorted by line."""
     marks = [_Mark(main, diagnostic.label, "^", _COLORS[diagnostic.severity])]
     marks.extend(_Mark(span, label, "-", _FRAME) for span, label in diagnostic.secondary)
     # False sorts before True: the main file comes first

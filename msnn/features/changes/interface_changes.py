@@ -45,7 +45,7 @@ class Property:
 
 
 def properties(part: Part, item: Mapping[str, Any]) -> tuple[Property, ...]:
-    """The properties of one part, always in the same order."""
+    """The properties of one interface item, such as unit and range, always in the same order."""
     common = (
         Property("unit", item["unit"] or "", "numbers mean something else"),
         Property("shape", _shape(item["axes"]), "arrays have another size"),

@@ -193,7 +193,9 @@ class Parameters:
         return Term(Named(new, tuple(axes), window is not None), (), window, size)
 
     def joined(self, names: list[str], dim: str) -> Term:
-        """Scalar parameters combined to one parameter along a dimension."""
+        """Declares one parameter along a dimension, made of several scalar ones; returns it as a
+        term.
+        """
         new = self.names.free(names[0])
         # of shape () or (1,), which both are one number
         values = np.concatenate([self.numbers(name).values.reshape(-1)[:1] for name in names])

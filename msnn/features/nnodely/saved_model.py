@@ -85,7 +85,7 @@ def _relation(given: list[Any]) -> list[Any]:
 
 
 def names_in(operands: Any) -> list[str]:
-    """The names in the operands of a relation; empty for invalid ones."""
+    """The texts in the list of a relation's operands; empty if it is no list."""
     if not isinstance(operands, list):
         return []
     return [one for one in cast("list[Any]", operands) if isinstance(one, str)]

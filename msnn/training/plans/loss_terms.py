@@ -124,7 +124,7 @@ def _sandwich(builder: GraphBuilder, loss: Loss) -> list[Loss]:
 
 @dataclass(frozen=True, slots=True)
 class ResidualsOfStage:
-    """The mean square and the number of a stage's residuals."""
+    """The weighted mean square of a stage's residuals, and their number."""
 
     square: float
     """Weighted mean square; for MAE and RMSE half of the weighted total."""

@@ -66,7 +66,9 @@ def searched_rate(
 
 
 def _batch(order: IntArray, size: int, number: int) -> IntArray:
-    """The batch with that number, cyclically."""
+    """The batch with index `number`: the indices of its rollouts; begins again after the last
+    batch.
+    """
     batches = -(-len(order) // size)
     begin = number % batches * size
     return np.ascontiguousarray(order[begin : begin + size])

@@ -149,7 +149,11 @@ def _pieces(parts: list[RowsWithoutGap], column: int) -> list[UnbrokenRows]:
 def _series(
     fit: Fit, program: Program, data: Dataset, weights: Mapping[str, FloatArray]
 ) -> Iterator[RowsWithoutGap]:
-    """Argument and target of every interval of training rows in which both are known."""
+    """Yields the values of a layer's argument and of its target, for each interval of training
+    rows.
+
+    An interval ends where one of them is missing.
+    """
     back, ahead = _reach(fit.argument)
     node = fit.argument.nodes[-1]
     output = Output(fit.layer, len(fit.argument) - 1)

@@ -66,7 +66,7 @@ class LinearSystem:
 
 
 def _product(rows: FloatArray, matrix: FloatArray) -> FloatArray:
-    """rows @ matrix in blocks that BLAS computes on one thread."""
+    """rows @ matrix, computed in blocks that are small enough for BLAS to use one thread."""
     at_once = max(_AT_ONCE // matrix.size, 1)
     whole = len(rows) // at_once * at_once
     found = np.empty((len(rows), matrix.shape[1]))

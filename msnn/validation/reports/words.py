@@ -60,5 +60,5 @@ def difference_text(number: str, unit: Unit | None) -> str:
 
 
 def unit_of_record(text: str | None) -> Unit | None:
-    """The unit from its text in a run's JSON record."""
+    """The unit that a JSON record of a run names by its text; None if there is none."""
     return parse_unit(text) if text else None

@@ -177,7 +177,7 @@ class Packets:
         self._received = b""
 
     def ask(self, command: bytes, seconds: float = 10.0) -> bytes:
-        """The reply to a command, without console output of the server."""
+        """Sends a command and returns the reply, without console output of the server."""
         self._send(command)
         end = time.monotonic() + seconds
         while (answer := self._packet(end)) and answer[:1] == b"O" and answer != b"OK":
@@ -189,7 +189,7 @@ class Packets:
         self._connection.sendall(b"\x03")
 
     def wait(self, seconds: float) -> bytes:
-        """The reply to the previous command."""
+        """Waits for the reply to the previous command, for at most `seconds`."""
         return self._packet(time.monotonic() + seconds)
 
     def _send(self, command: bytes) -> None:

@@ -89,7 +89,8 @@ class VariableBounds:
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
     def box(self, at: FloatArray, scale: FloatArray, slope: FloatArray) -> StepBox | None:
-        """The box of a step from `at`, in variables divided by `scale`; None without bounds.
+        """The bounds of one step from the variables `at`, in variables divided by `scale`; None
+        without bounds.
 
         `slope` is half the gradient of the total loss in the scaled variables.
         """

@@ -70,7 +70,7 @@ def of_overlapping_runs(
 
 @dataclass(slots=True)
 class _Sums:
-    """The sums of one loss over the steps of every run."""
+    """The sums of one loss over the steps of all rollouts, to which steps are added one by one."""
 
     curvature: FloatArray
     cross: FloatArray
