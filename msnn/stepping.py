@@ -415,7 +415,7 @@ class StepEngine(Protocol):
         ...
 
     def init(self) -> None:
-        """Sets the states that need no data."""
+        """Sets those states whose initial values need no data."""
         ...
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
@@ -423,13 +423,13 @@ class StepEngine(Protocol):
         ...
 
     def states(self) -> dict[str, Array]:
-        """The values of all states."""
+        """The values of all states and buffers, by name."""
         ...
 
     def set_states(self, values: Mapping[str, ArrayLike]) -> None:
-        """Sets all states."""
+        """Sets all states and buffers."""
         ...
 
     def no_longer_waits(self, bits: int) -> None:
-        """Clears bits of `waiting`."""
+        """Clears status bits in `waiting`, after states were set."""
         ...

@@ -58,7 +58,7 @@ class _Squares:
         """Does nothing: the problem has no initial states."""
 
     def products(self, runs: Runs, weights: Mapping[str, Array]) -> dict[str, Products]:
-        """JᵀJ and Jᵀr."""
+        """JᵀJ and Jᵀr of the problem at these parameters."""
         self.jacobians += 1
         x = _vector(weights)
         r, j = self._problem.residual(x), self._problem.jacobian(x)
@@ -67,7 +67,7 @@ class _Squares:
             return {"fit": Products(j.T @ j, j.T @ r, cost, cost, float(len(r)))}
 
     def train_costs(self, runs: Runs, weights: Mapping[str, Array]) -> dict[str, LossSum]:
-        """rᵀr."""
+        """rᵀr of the problem at these parameters."""
         self.losses += 1
         r = self._problem.residual(_vector(weights))
         with np.errstate(all="ignore"):

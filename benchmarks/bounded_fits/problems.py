@@ -54,7 +54,7 @@ class Problem:
         return np.broadcast_to(found, (len(self.target), len(x)))
 
     def loss(self, x: Array) -> float:
-        """The mean square."""
+        """The mean square of the residuals at the parameters x."""
         found = self.residual(x)
         return float(found @ found) / len(found)
 

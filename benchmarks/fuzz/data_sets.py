@@ -94,7 +94,7 @@ def trial(seed: int, folder: Path) -> tuple[str | None, bool]:
 
 
 def drawn_tables(rng: random.Random) -> list[Table]:
-    """Files in SI units; NaN where a value is missing."""
+    """Random tables in SI units, one per file; NaN is a missing value."""
     kind = rng.choice(["even", "even", "jitter", "fast", "slow", "uneven"])
     step = {"fast": 0.037, "slow": 0.16}.get(kind, STEP)
     begin, pauses = rng.choice([0.0, 0.0, 3.2]), rng.random() < 0.3

@@ -164,7 +164,7 @@ def _first(fault: SpecError) -> str:
 
 
 def in_doubles(folder: Path, names: list[str]) -> dict[str, Mapping[str, NDArray[np.float64]]]:
-    """What the peer's own code gives in double precision, for the models that it can load."""
+    """nnodely's predictions in double precision, by model, for the models that it can load."""
     if not names:
         return {}
     script = str(HERE / "double_precision.py")

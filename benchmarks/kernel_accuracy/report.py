@@ -83,7 +83,7 @@ def keep(real: str, name: str, row: Measurement) -> None:
 
 
 def write_report() -> None:
-    """Writes the document from all that has been measured."""
+    """Writes docs/kernels.md from all saved measurements."""
     DOCUMENT.parent.mkdir(exist_ok=True)
     DOCUMENT.write_text(report(), encoding="utf-8")
 

@@ -187,7 +187,7 @@ def _is_test(name: str) -> bool:
 
 
 def _objects(export: Path, folder: Path) -> dict[str, Path]:
-    """All sources, compiled once."""
+    """Compiles all sources of an export; returns the object files by name."""
     objects = {path.name: folder / f"{path.stem}.o" for path in _sources(export)}
     for path in _sources(export):
         command = ["gcc", *_FLAGS, f"-I{export / 'include'}", "-c", path, "-o", objects[path.name]]

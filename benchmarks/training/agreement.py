@@ -27,7 +27,7 @@ class Agreement:
 
 
 def agreement(workers: dict[str, Worker], settings: dict[str, Any]) -> Agreement:
-    """Gradients at random weights, then epochs from the initial weights in the data's order."""
+    """Compares gradients at random weights, then losses of epochs from the initial weights."""
     native = workers[NATIVE]
     losses: dict[str, list[float]] = {}
     for name, worker in workers.items():

@@ -69,15 +69,15 @@ class Shown:
 
     @abstractmethod
     def _tables(self) -> Sequence[Table]:
-        """The tables that the command line prints."""
+        """The tables of the result, as the command line prints them."""
 
     @abstractmethod
     def _columns(self) -> Mapping[str, Sequence[object]]:
-        """The columns of its data frame."""
+        """The columns of the result as a data frame, by name."""
 
     @abstractmethod
     def _draw(self, path: Path) -> Path:
-        """Writes its plot in the format of the file's suffix."""
+        """Draws the result into a file, in the format of its suffix; returns the path."""
 
 
 def _html(table: Table) -> str:

@@ -51,8 +51,9 @@ _FUNCTIONS = {"import": "import_", "compile": "compile_"}
 
 
 def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
-    """The command line with these commands; parsing the options of all takes longer than
-    `check`.
+    """The typer application of the command line with these commands.
+
+    Parsing the options of all commands takes longer than `check`.
     """
     app = typer.Typer(
         name="msnn",
@@ -93,7 +94,7 @@ def _options(
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Runs one command; returns its exit code and never raises."""
+    """Runs one command with these arguments; returns its exit code and raises nothing."""
     began = time.monotonic()
     forget_manners()
     LINE_WIDTH.set(terminal_width())

@@ -46,9 +46,9 @@ def joined_ranks() -> Generator[GlooRanks | None]:
 
 
 def _is_of_lost_rank(error: BaseException) -> bool:
-    """True if the error says that a process of the training was lost.
+    """True if the error says that a process was lost, and thus where the training is saved.
 
-    It also states where the training is saved, which only the first process knows.
+    Only the first process knows that place.
     """
     return isinstance(error, SpecError) and any(d.code == "E0867" for d in error.diagnostics)
 

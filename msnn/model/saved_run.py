@@ -68,7 +68,8 @@ def followed(path: Path) -> Path:
 
 
 def run_of(path: Path) -> Path | None:
-    """The run that a path means: its folder, or the spec in it; None for other files.
+    """The folder of the run that a path means: a run's folder, or the spec in it; None for other
+    files.
 
     Raises SpecError for a folder that is not a run.
     """
@@ -155,7 +156,7 @@ def newest(runs: Path, wanted: Callable[[Path], bool]) -> Path | None:
 
 
 def has_checkpoint(run: Path) -> bool:
-    """True if a run has begun and not ended."""
+    """True if a run was interrupted or is still running: its folder has a checkpoint."""
     return (run / CHECKPOINT).is_file()
 
 

@@ -157,7 +157,7 @@ def run_text(run: Run) -> str:
 
 
 def run_record(run: Run) -> dict[str, Any]:
-    """The same as JSON values."""
+    """The configuration and results of a run as a JSON object."""
     return {
         "folder": str(run.folder),
         "state": run.state,

@@ -108,7 +108,10 @@ def summed(
     skip: int,
     scored: Mapping[str, BoolArray] | None,
 ) -> dict[str, LossSum]:
-    """Every loss over steps of rollouts; arguments as for `loss_sums`."""
+    """Sums every loss over steps of rollouts, of which `moments` yields one after the other.
+
+    `skip` and `scored` are those of `loss_sums`.
+    """
     named = {loss.name: loss for loss in losses}
     sums = dict.fromkeys(named, LossSum(0.0, 0))
     for moment in moments:
@@ -130,7 +133,7 @@ def summed(
 
 
 def _along(rows: NDArray[Any], like: FloatArray) -> NDArray[Any]:
-    """Broadcasts one value per member to all of its elements."""
+    """One value per rollout, broadcast to the shape of `like`."""
     return np.broadcast_to(rows.reshape(-1, *[1] * (like.ndim - 1)), like.shape)
 
 
@@ -234,7 +237,7 @@ def _evaluated(runs: Runs, rows: int) -> IntArray:
 
 
 def _of_rows(program: Program, loss: Loss, node: int, data: Dataset, t: IntArray) -> FloatArray:
-    """The value of a node that depends only on data, in each of these rows."""
+    """The values of a node that depends only on data, at the rows `t`."""
     output = Output(loss.name, node)
     # factors read the log alone: nothing else of the step is computed
     alone = replace(program, outputs=(output,), losses=(), states=(), expected=(), fits=())

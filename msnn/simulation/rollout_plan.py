@@ -294,7 +294,9 @@ def counted_rows(plan: RolloutPlan, data: Dataset, name: str) -> Mapping[str, Bo
 
 
 def score_some(runs: Runs, rows: Mapping[str, BoolArray] | None) -> BoolArray:
-    """Mask of runs in which at least one loss has a scored row."""
+    """The mask of rollouts in which at least one loss has a scored row; `rows` are masks
+    per loss.
+    """
     if rows is None:
         return np.ones(len(runs), np.bool_)
     before = np.concatenate([[0], np.cumsum(np.any([*rows.values()], axis=0))])
@@ -409,8 +411,8 @@ def _steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
 
 
 def samples(length: Length, sample_time: float | None, findings: Findings) -> int | None:
-    """The number of samples; None after reporting a duration that is not a whole number of
-    samples.
+    """The number of samples of a length; None after reporting a duration that is no whole number of
+    them.
     """
     try:
         return Sampling(sample_time, findings).samples(length)

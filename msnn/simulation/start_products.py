@@ -174,7 +174,10 @@ class RunSums:
     def add(
         self, loss: str, values: Mapping[str, FloatArray], members: IntArray, some: BoolArray
     ) -> None:
-        """Adds one step of some of these runs."""
+        """Adds one step of the rollouts `members`, of which only those in the mask `some` count.
+
+        `values` are the residuals and derivatives of that step, by name.
+        """
         values = {name: value[some] for name, value in values.items()}
         members, runs = members[some], int(some.sum())
         if not runs:  # all of them are in rows that do not decide

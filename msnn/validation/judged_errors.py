@@ -158,7 +158,7 @@ def _inputs(check: ReadyCheck) -> dict[str, FloatArray]:
 
 
 def _records(data: Dataset, rows: IntArray) -> IntArray:
-    """The index of the recording of each row."""
+    """The index of the recording that each row belongs to."""
     starts = np.array([record.start for record in data.records])
     # records follow each other: the last that begins before a row holds it
     return np.searchsorted(starts, rows, side="right") - 1

@@ -150,7 +150,7 @@ _SAMPLES = 20
 
 
 class CurveSums:
-    """Σe² by step within the rollout, from `begin` on.
+    """Sums of squared errors by step within the rollouts, from step `begin` on, for an error curve.
 
     With `few` rollouts, `samples` is the total number of samples, and neighbouring steps share
     points.
@@ -166,7 +166,9 @@ class CurveSums:
         self._scored = np.zeros(len(self._first), np.int64)
 
     def add(self, prediction: FloatArray, target: FloatArray, number: IntArray) -> None:
-        """Adds predictions with their step numbers."""
+        """Adds predictions and targets, (samples, *shape), with the step of each within its
+        rollout.
+        """
         squares, counts = _sums_of_squares(prediction, target)
         # where each step falls among the points, whose beginnings are sorted
         point = np.searchsorted(self._first, number, side="right") - 1
@@ -186,7 +188,7 @@ class CurveSums:
 
 
 class RowErrors:
-    """The error of each row of the data, from the first rollout that predicts it."""
+    """The error of each row of the data, taken from the first rollout that predicts the row."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._errors = np.zeros((rows, *shape))
@@ -223,7 +225,7 @@ class ErrorRange:
         self._samples = np.zeros(rows, np.int32)
 
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
-        """Adds predictions with their rows."""
+        """Adds predictions and targets, (samples, *shape), with their rows."""
         with np.errstate(all="ignore"):
             # NaN and ∞ of a prediction are seen in metrics; a picture needs a range
             error = (prediction - target).reshape(len(rows), prod(target.shape[1:]))
@@ -260,7 +262,10 @@ def _sums_of_squares(prediction: FloatArray, target: FloatArray) -> tuple[FloatA
 
 
 def rows_text(data: Dataset, rows: IntArray) -> str:
-    """`rows 5…1023 of 1024`, or counts for several recordings; `rows` are sorted and unique."""
+    """A text such as `rows 5…1023 of 1024`, or counts for several recordings.
+
+    `rows` are sorted and unique.
+    """
     if not len(rows):
         return "no rows"
     # rows are counted from the beginning of their record, as files have them

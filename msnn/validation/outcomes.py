@@ -158,7 +158,7 @@ def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
 # entries, folds and sets ask for the same program again and again
 @kept_for_same(4)
 def _measured_program(program: Program, names: frozenset[str]) -> Program:
-    """The part of a program that computes these outputs only."""
+    """The part of a program that computes the outputs `names` only."""
     return reduced(program, lambda output: output.name in names, lambda _: False)
 
 
@@ -181,7 +181,7 @@ def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> Los
 
 
 def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs], learned: int) -> list[Measuring]:
-    """The accumulator of each entry; entries with the same evaluation share one."""
+    """An object that collects errors for each entry; entries with the same evaluation share one."""
     found: list[Measuring] = []
     for index, check in enumerate(checks):
         alike = next((i for i in range(index) if check.is_measured_as(checks[i])), None)
@@ -190,7 +190,7 @@ def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs], learned: int) 
 
 
 def rollout_parts(runs: Runs, steps: int) -> list[Runs]:
-    """The rollouts in order, in parts of about `steps` steps."""
+    """Splits the rollouts, in their order, into parts of about `steps` steps in total."""
     done = np.cumsum(runs.steps)
     # by where each rollout begins, so that none is cut
     block = (done - runs.steps) // steps

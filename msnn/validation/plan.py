@@ -95,7 +95,9 @@ def _plans(
 
 
 def _default_plans(program: Program) -> tuple[CheckPlan, ...]:
-    """The RMSE of every prediction."""
+    """The entries for a spec without `validate`: the RMSE of every output that predicts a
+    signal.
+    """
     default = default_rollout(program)
     return tuple(
         CheckPlan(

@@ -56,7 +56,7 @@ class Sources(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CFolder:
-    """The files of an export of C."""
+    """A folder of exported C, with the paths of its files."""
 
     folder: Path
 
@@ -148,7 +148,7 @@ class ExportedC(CFolder):
 
     @property
     def fixed_point(self) -> bool:
-        """True if it uses integer arithmetic."""
+        """True if the exported code uses integer arithmetic."""
         return self.dtype in ARITHMETICS
 
     @property
@@ -178,7 +178,7 @@ class ExportedC(CFolder):
 
     @property
     def number(self) -> str:
-        """The C type of the outputs."""
+        """The C type of an output's element."""
         return f"{self.prefix}_{'word_t' if self.fixed_point else 'real'}"
 
     @property
@@ -188,7 +188,7 @@ class ExportedC(CFolder):
 
     @property
     def linearizes(self) -> bool:
-        """True if it has a Jacobian."""
+        """True if the export has a function for the Jacobian."""
         return bool(self.slopes)
 
     @property

@@ -40,18 +40,18 @@ class Diagnostic:
     replacement: str | None = None
 
     def also_in(self, files: int) -> "Diagnostic":
-        """The same message with the number of further files it applies to."""
+        """The same diagnostic with a note that it applies to that many further files."""
         more = f" … and {files} more file{'s' if files > 1 else ''}"
         # of a mistake in each of a thousand files one message is enough
         return replace(self, message=self.message + more) if files else self
 
     def seen_from(self, place: Span, label: str) -> "Diagnostic":
-        """The same message with a further place."""
+        """The same diagnostic with a further place and its label."""
         return replace(self, secondary=(*self.secondary, (place, label)))
 
     @property
     def printable(self) -> "Diagnostic":
-        """The same message with control characters of quoted files removed."""
+        """The same diagnostic without control characters, which quoted files may contain."""
         return replace(
             self,
             message=printable(self.message),

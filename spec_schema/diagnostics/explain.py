@@ -36,7 +36,7 @@ class Explanation:
 
     @property
     def examples(self) -> tuple[Example, ...]:
-        """The examples of the page, in its order."""
+        """The code blocks of the explanation, in its order."""
         return tuple(
             Example(found[1], found[2] == "repaired", bool(found[3]), found[4])
             for found in _FENCED.finditer(self.page)

@@ -199,7 +199,7 @@ class _Scanner:
         self.operand = (start, end) if is_operand or found.lastgroup == "close" else None
 
     def _word(self, word: str, start: int) -> bool:
-        """True if the word is an operand."""
+        """Checks a word and reports errors; True if it is an operand."""
         name, end = normalised(word), start + len(word)
         if name in _BOOLEAN_WORDS:
             self._report(errors.boolean_word(name, self._span(start, end)))

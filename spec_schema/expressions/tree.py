@@ -31,7 +31,7 @@ class Relation(Enum):
 
 @dataclass(frozen=True)
 class Number:
-    """A finite literal."""
+    """A finite number in an expression."""
 
     # places take no part in equality, here and below: one formula written twice is one value
     value: float
@@ -40,7 +40,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Samples:
-    """A length counted in samples."""
+    """A length as a number of samples."""
 
     count: int
     span: Span = field(compare=False)
@@ -55,7 +55,7 @@ class Duration:
 
     @property
     def seconds(self) -> float:
-        """The length in seconds."""
+        """The duration in seconds."""
         assert self.quantity.unit is not None
         return self.quantity.unit.in_si(self.quantity.value)
 

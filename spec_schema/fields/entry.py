@@ -171,7 +171,7 @@ class OneOf(Entry):
         return next(name for name in names if getattr(self, name) is not None)
 
     def chosen(self) -> Entry:
-        """The given variant."""
+        """The entry of the variant that is given."""
         variant: Entry = getattr(self, self.kind)
         return variant
 
@@ -183,7 +183,7 @@ def findings_of(info: ValidationInfo) -> Findings:
 
 
 def single_key(node: Node, key: str) -> Table:
-    """`{key: node}` at the place of the node."""
+    """A mapping `{key: node}`, with the place of the node."""
     # where a lone value has no key, its own place stands for one
     inner = replace(node, key=node.key or node.span)
     return Table({key: inner}, {key: node.key or node.span}, node.span, node.key)

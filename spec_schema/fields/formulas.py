@@ -18,7 +18,7 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, kind
 
 @dataclass(frozen=True)
 class Prediction:
-    """`predicts: signal[t+ahead]`."""
+    """`predicts: signal[t+ahead]`: the recorded sample that an output predicts."""
 
     signal: Located[str]
     ahead: tree.Length

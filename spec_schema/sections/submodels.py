@@ -173,7 +173,9 @@ class Use(Entry):
 
 
 class Connection(Entry):
-    """The expression that an input of a sub-model is; `history` is its past before the start."""
+    """An expression that is the value of a sub-model's input; `history` is its past before the
+    start.
+    """
 
     noun: ClassVar[str] = "a connection"
     shorthand: ClassVar[str | None] = "expr"

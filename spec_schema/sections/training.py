@@ -118,7 +118,7 @@ class Schedule(OneOf):
 
 @dataclass(frozen=True)
 class Lesson:
-    """To the end of epoch `until` rollouts have `horizon`."""
+    """A step of a curriculum: until the end of epoch `until`, rollouts have `horizon`."""
 
     until: int
     horizon: Length
@@ -127,7 +127,9 @@ class Lesson:
 
 @dataclass(frozen=True)
 class Curriculum:
-    """`{epoch: horizon, …}`: lessons in the order in which they are written."""
+    """`{epoch: horizon, …}`: the horizons of rollouts until these epochs, in the order of
+    the spec.
+    """
 
     lessons: tuple[Lesson, ...]
     span: Span = field(compare=False)

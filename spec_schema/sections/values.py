@@ -192,7 +192,9 @@ class Initializer(OneOf):
 
 
 class Constant(Entry):
-    """A value folded at compile time."""
+    """A number or array of the model that no training changes; it is computed when the spec is
+    compiled.
+    """
 
     noun: ClassVar[str] = "a constant"
     shorthand: ClassVar[str | None] = "value"
@@ -212,7 +214,7 @@ class Constant(Entry):
 
 
 class Prior(Entry):
-    """A normal distribution of each number of a parameter, known before the data."""
+    """A normal distribution of a parameter's elements, known before there are data."""
 
     noun: ClassVar[str] = "a prior"
 
@@ -255,7 +257,7 @@ _SCALE = {
 
 
 class Parameter(Entry):
-    """A learnable value; `scale` is what the optimiser divides it by."""
+    """A value that training can learn; the optimiser works with the value divided by `scale`."""
 
     noun: ClassVar[str] = "a parameter"
     shorthand: ClassVar[str | None] = "init"

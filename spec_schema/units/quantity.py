@@ -55,7 +55,7 @@ class TurnReadings:
 
     @property
     def texts(self) -> tuple[str, str, str]:
-        """The count, as revolutions, as radians."""
+        """Three texts: the unit that counts, and its meanings in revolutions and in radians."""
         return self.count.text, self.in_revolutions, self.in_radians
 
 

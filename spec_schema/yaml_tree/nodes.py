@@ -26,7 +26,7 @@ class Positions:
         return self.source.span(self.offsets[min(first, end)], self.offsets[min(last, end)])
 
     def part(self, first: int, last: int) -> "Positions":
-        """The positions of `value[first:last]`."""
+        """The positions of the part `value[first:last]`, for a scalar made of it."""
         return Positions(self.source, self.offsets[first : last + 1])
 
 
@@ -65,7 +65,7 @@ class Scalar:
 
 @dataclass(frozen=True)
 class Listing:
-    """A sequence."""
+    """A list of the file: its items as nodes, with its place."""
 
     items: tuple["Node", ...]
     span: Span

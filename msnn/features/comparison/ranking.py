@@ -41,7 +41,7 @@ class Criterion:
 
     @property
     def heading(self) -> str:
-        """`x_next rmse [m], 50 steps`."""
+        """The heading of its column, such as `x_next rmse [m], 50 steps`."""
         if self.way is None:
             return "monitor"
         of, rollout, unit = self.way

@@ -79,7 +79,7 @@ class View:
         return known.place if found is None else span_of(found[1], self.source)
 
     def cursor(self, position: Position) -> Cursor:
-        """The path and text at a position."""
+        """The keys that lead to a position, and the text before it."""
         return cursor_at(self.source, *offset_of(position, self.source))
 
     def is_comment(self, position: Position) -> bool:

@@ -315,7 +315,7 @@ def compiled(model: ImportedModel, file: str, path: Path, weights: str) -> tuple
 
 
 def spec_text(model: ImportedModel, file: str, weights: str) -> str:
-    """The text of the spec."""
+    """The text of the converted spec, with a comment about its origin."""
     sections = [yaml_text({key: value}) for key, value in model.spec.items()]
     head, rest = "".join(sections[:3]), "\n".join(sections[3:])
     # a line break in the name of a file would end the comment

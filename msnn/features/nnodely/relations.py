@@ -143,7 +143,7 @@ class Relations:
         return self.parameters.names.of("relation", name)
 
     def operand(self, name: str) -> Value:
-        """The value of an operand."""
+        """The value of an operand of a relation: another relation, an input or a parameter."""
         if name in self._known:
             return self._known[name]
         if self.parameters.has(name):
@@ -307,7 +307,7 @@ def counted(values: list[Value], wanted: int) -> list[Value]:
 
 
 def one_name(rest: list[Any]) -> str:
-    """The only option of a relation, a name."""
+    """The option of a relation, which must be a single name; raises UnknownKindError for others."""
     if len(rest) == 1 and isinstance(rest[0], str):
         return rest[0]
     what, repair = "a `ParamFun` of this form is not known", "name one function after its operands"

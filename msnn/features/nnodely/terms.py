@@ -206,7 +206,7 @@ def smaller(left: Term, right: Term) -> Term:
 
 
 def same(term: Term) -> Term:
-    """The term unchanged."""
+    """Returns the term unchanged, as the function of relations that change nothing."""
     return term
 
 
@@ -272,7 +272,7 @@ def text_of(term: Term, operands: Sequence[tuple[str, int]]) -> tuple[str, int]:
 
 
 def text_of_whole(root: Term) -> str:
-    """The text of a term with all its operands."""
+    """The text of a term in the language of specs, with all its operands."""
     texts: dict[int, tuple[str, int]] = {}
     for node in after_operands(root, lambda one: False):
         texts[id(node)] = text_of(node, [texts[id(arg)] for arg in node.args])

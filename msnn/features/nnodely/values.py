@@ -107,7 +107,7 @@ class ValueOperations:
         return Value(value.window, len(elements), value.pieces)
 
     def element(self, value: Value, index: int) -> Value:
-        """One element of every sample."""
+        """The element `index` of every sample of a value."""
         if not 0 <= index < value.dim:
             raise ShapeError(f"element {index} of {value.dim} does not exist")
         if value.dim == 1:

@@ -50,7 +50,7 @@ class LiveModel:
 
 @dataclass(frozen=True, slots=True)
 class NotLive:
-    """The reason why the page has no live model, and how to get one."""
+    """The reason why the page cannot run the model, and a repair."""
 
     reason: str
     repair: str | None = None

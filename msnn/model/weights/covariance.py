@@ -123,7 +123,7 @@ def read_covariance(weights_file: Path, weights: Mapping[str, FloatArray]) -> Co
 
 
 class _Errors(Protocol):
-    """Standard errors of a training."""
+    """An object like `StandardErrors`, as far as the covariance is concerned."""
 
     @property
     def covariance(self) -> Covariance | None: ...
@@ -133,7 +133,7 @@ class _Errors(Protocol):
 
 @runtime_checkable
 class _HasErrors(Protocol):
-    """A result of `train`."""
+    """An object like the result of `train`, with standard errors."""
 
     @property
     def standard_errors(self) -> _Errors | None: ...

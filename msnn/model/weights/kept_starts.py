@@ -133,7 +133,7 @@ def write_starts(path: Path, found: KeptStarts) -> Path:
 
 @runtime_checkable
 class _HasStarts(Protocol):
-    """A result of `train`."""
+    """An object like the result of `train`, with initial states."""
 
     @property
     def starts(self) -> KeptStarts | None: ...

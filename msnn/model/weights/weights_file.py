@@ -24,7 +24,7 @@ from spec_schema.reading.reader import refuse_endless
 
 
 def initial_weights(program: Program) -> dict[str, FloatArray]:
-    """The initial value of every parameter, in its shape."""
+    """The initial values of all parameters by name, each in its shape."""
     return {
         parameter.name: np.array(parameter.initial, dtype=np.float64).reshape(
             tuple(axis.size for axis in parameter.axes)

@@ -105,7 +105,7 @@ class StepwiseRollouts:
     def losses(
         self, runs: Runs, skip: int, scored: Mapping[str, BoolArray] | None, advance: Advance
     ) -> dict[str, LossSum]:
-        """Every loss of the program, summed over batches of rollouts."""
+        """Every loss of the program as its sum and count, computed over batches of rollouts."""
         losses = self._program.losses
         totals = {loss.name: LossSum(0.0, 0) for loss in losses}
         for part in _parts(runs):

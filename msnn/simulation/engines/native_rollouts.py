@@ -65,7 +65,9 @@ class NativeRollouts:
     def losses(
         self, runs: Runs, skip: int, scored: Mapping[str, BoolArray] | None, advance: Advance
     ) -> dict[str, LossSum]:
-        """Every loss of the program."""
+        """Every loss of the program as its sum and count, over steps from `skip` on and `scored`
+        rows.
+        """
         data = self._kernel.data(self._series, skip, scored)
         rolled = self._kernel.run(data, runs.t0, runs.steps, self._physical, advance)
         found = zip(

@@ -132,7 +132,7 @@ class ResidualsOfStage:
 
     @property
     def spread(self) -> float:
-        """ŝ²/n, the weight of priors."""
+        """ŝ²/n, the mean square divided by the number of residuals: the weight of priors."""
         return self.square / self.count if self.count else 0.0
 
 

@@ -61,7 +61,7 @@ class EpochEnd:
     """Since the attempt began."""
 
     def record(self) -> dict[str, Any]:
-        """All fields by name."""
+        """All fields of the event by name, for `metrics.jsonl`."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
 
@@ -126,7 +126,7 @@ class Lines:
         self._shown = -float("inf")
 
     def stage_started(self, event: StageStart) -> None:
-        """Names the stage and its size."""
+        """Prints the name and size of a stage that begins."""
         self._shown = -float("inf")
         self._line(stage_text(event))
 
@@ -166,12 +166,12 @@ class LinesOfStages(Lines):
         self._is_last = self._is_over = False
 
     def stage_started(self, event: StageStart) -> None:
-        """Names the stage and its size."""
+        """Prints the name and size of a stage that begins, and notes if it is the last one."""
         self._is_last = event.number == event.stages
         super().stage_started(event)
 
     def stage_ended(self, event: StageEnd) -> None:
-        """Shows the result of the stage."""
+        """Prints the result of the stage; later warnings are collected if it was the last one."""
         self._is_over = self._is_last
         super().stage_ended(event)
 

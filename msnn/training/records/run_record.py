@@ -213,7 +213,7 @@ def stage_record(plan: StagePlan) -> dict[str, object]:
 
 
 def stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
-    """The event for a completed stage."""
+    """The `StageEnd` event for the result of a stage."""
     return StageEnd(
         stage=plan.name,
         attempt=result.attempt + 1,

@@ -110,7 +110,9 @@ class FilterEquations:
         return self.triangle[:, self.structure.taps + 1 :]
 
     def response(self) -> Response:
-        """The least-squares coefficients."""
+        """The least-squares solution for the gains g, without c, and for the unknown past of each
+        segment.
+        """
         gains = least_squares(self.signals, self.output)
         depth, end = self.structure.depth, self.structure.depth + self.structure.taps
         # what the past explains is fitted to what the input leaves of it
@@ -214,7 +216,7 @@ class Filter:
 
     @property
     def denominator(self) -> FloatArray:
-        """A from z⁰; it begins with 1."""
+        """The coefficients of A in 1/z, which begin with 1."""
         return denominator_of(self.reflection)
 
 

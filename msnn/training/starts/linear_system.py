@@ -105,7 +105,7 @@ class Triangle:
         self._found = np.zeros((0, columns))
 
     def add(self, rows: FloatArray) -> None:
-        """Adds any number of rows."""
+        """Adds any number of rows, (rows, columns), to the decomposition."""
         columns = rows.shape[1]
         # twice the columns at least: less would leave as many rows as there were
         part = max(2 * columns, _NUMBERS_AT_ONCE // columns)

@@ -120,7 +120,7 @@ def curves_table(report: ValidationReport) -> str:
 
 
 def metrics_record(report: ValidationReport) -> dict[str, Any]:
-    """The metrics as JSON values."""
+    """The metrics, limits and error curves of a validation as a JSON object."""
     return {
         "passed": report.passed,
         "metrics": [

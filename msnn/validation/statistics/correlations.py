@@ -298,7 +298,7 @@ def dispersion(error: FloatArray, signal: FloatArray, band: float, outside: floa
 
 @cache
 def _terms(band: float, outside: float) -> tuple[float, ...]:
-    """The coefficients a₂, a₄, … of κ."""
+    """The coefficients a₂, a₄, … of the series κ in `dispersion`."""
     # Heₘ / √m!, which stays small
     hermite = [1.0, band]
     for m in range(2, _TERMS):

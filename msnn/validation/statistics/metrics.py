@@ -60,7 +60,7 @@ class Spread:
         return Spread(count, mean, squares)
 
     def joined(self) -> Spread:
-        """The statistics of all elements together."""
+        """The statistics over all elements together, instead of one for each."""
         found = Spread(self.count[:1], self.mean[:1], self.squares[:1])
         for i in range(1, len(self.count)):
             part = slice(i, i + 1)

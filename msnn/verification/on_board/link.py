@@ -95,7 +95,7 @@ def ram_of(text: str) -> Ram | None:
 
 
 def words(link: Link) -> str:
-    """The link as written on the command line."""
+    """The text of a link as on the command line, such as `gdb:localhost:3333`."""
     match link:
         case Gdb(host, port):
             return f"gdb:{host}:{port}"

@@ -160,7 +160,9 @@ class NativeEngine:
         return self._named(sums, counts)
 
     def order(self, count: int, key: int) -> IntArray:
-        """See `epoch_order.shuffled`."""
+        """The shuffled indices 0 … count−1 of an epoch's rollouts; `key` seeds the shuffle
+        (`epochs.shuffled`).
+        """
         return self._kernel.shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> LossSums:

@@ -94,7 +94,7 @@ class TorchObjective:
         return evaluated(self._model, self._evaluation, runs)
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of training rollouts without dropout and gradient."""
+        """The losses of training rollouts without dropout, as sums and counts, without gradient."""
         if self._measured is None:
             skip, rows = self._plan.rollout.skip, self._train_rows
             self._measured = scoring(self._model, self._series, skip, rows)
@@ -160,7 +160,7 @@ class KernelObjective:
         return self._evaluated(self._evaluation, runs)
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of training rollouts without dropout and gradient."""
+        """The losses of training rollouts without dropout, as sums and counts, without gradient."""
         if self._measured is None:
             skip, rows = self._plan.rollout.skip, self._train_rows
             self._measured = self._kernel.data(self._series, skip, rows)

@@ -202,7 +202,9 @@ class TorchEngine:
         return not squares <= LARGEST_SLOPE * LARGEST_SLOPE  # true of NaN
 
     def order(self, count: int, key: int) -> IntArray:
-        """See `epoch_order.shuffled`."""
+        """The shuffled indices 0 … count−1 of an epoch's rollouts; `key` seeds the shuffle
+        (`epochs.shuffled`).
+        """
         return shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> LossSums:
@@ -221,7 +223,7 @@ class TorchEngine:
         return flattened({"variables": variables, "optimizer": self._optimizer.state_dict()})
 
     def restore(self, state: EngineState) -> None:
-        """Restores a state of the same stage."""
+        """Sets parameters and optimiser to a state that `state` returned in the same stage."""
         content = rebuilt(state)
         with torch.no_grad():
             for name, raw in self._variables.items():

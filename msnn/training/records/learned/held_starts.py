@@ -176,12 +176,12 @@ class HeldStarts:
         return np.asarray(cross) @ self.inverse
 
     def _crossing(self, name: str) -> FloatArray:
-        """JᵀD of a loss."""
+        """JᵀD of one loss, (elements, elements); J and D are explained in the module."""
         one = self.products[name]
         return one.curvature - np.einsum("rpn,rqn->pq", _blocks(one).cross, self.follows)
 
     def _moving(self, name: str) -> FloatArray:
-        """DᵀD of a loss."""
+        """DᵀD of one loss, (elements, elements); D is explained in the module."""
         crossing, own = self._crossing(name), _blocks(self.products[name]).curvature
         # JᵀK Lᵀ, so that DᵀD = JᵀD − (JᵀK Lᵀ)ᵀ + L KᵀK Lᵀ
         mixed = self.products[name].curvature - crossing

@@ -103,7 +103,7 @@ class Sandwich:
         )
 
     def of(self, free: IntArray) -> Sandwich:
-        """The sums for a subset of the elements."""
+        """The matrices for only the elements with the indices `free`."""
         some = np.ix_(free, free)
         return replace(self, bread=self.bread[some], meat=self.meat[some])
 
@@ -129,7 +129,9 @@ class SymmetricInformation:
         return replace(self, curvatures=some, robust=robust)
 
     def curvature(self) -> FloatArray:
-        """Σ cₗ JₗᵀJₗ."""
+        """Σ cₗ JₗᵀJₗ over the losses: the Gauss-Newton curvature of the total, (elements,
+        elements).
+        """
         return np.asarray(sum(self.curvatures.values()))
 
     def equations(self) -> FloatArray | None:
@@ -139,7 +141,9 @@ class SymmetricInformation:
         return np.asarray(sum(map(self._curving, self.curvatures)))
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """cₗ² JₗᵀJₗ; for robust losses the meat."""
+        """The covariance of the gradient by each loss: cₗ² JₗᵀJₗ; `Sandwich.meat` for robust
+        losses.
+        """
         return {
             name: self.robust[name].meat if name in self.robust else self.shares[name] * one
             for name, one in self.curvatures.items()

@@ -89,7 +89,7 @@ class _Sums:
         )
 
     def add(self, one: _Slopes) -> None:
-        """Adds one step of some of these runs."""
+        """Adds the derivatives of one step of some rollouts to the sums."""
         learned = len(self.curvature)
         j, k = one.slopes[:, :learned], one.slopes[:, learned:]
         self.curvature += np.einsum("rpm,rqm->pq", j, j)
