@@ -203,7 +203,9 @@ class _Evaluation:
         self.decisions = self._bounds.decisions
 
     def doubtful(self, steps: Sequence[int], judge: _Evaluation) -> list[int]:
-        """The steps at which other programs, or the reference, may decide differently."""
+        """Those of the steps at which rounding may change a condition, in other programs or the
+        reference.
+        """
         values = self._run(steps, [{} for _ in steps])
         judged = values if judge is self else judge._run(steps, [{} for _ in steps])
         found = np.zeros(len(steps), bool)

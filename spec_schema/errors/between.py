@@ -74,7 +74,7 @@ def held_inputs(
 
 
 def _listed(names: Sequence[str]) -> str:
-    """`a`, `b` and two more."""
+    """Names as a text such as "`a`, `b`, `c` and 2 more"."""
     # more names would push the sentence out of its line, and each has its place below
     most = 3
     shown = ", ".join(f"`{name}`" for name in names[:most])

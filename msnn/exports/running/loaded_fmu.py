@@ -185,7 +185,10 @@ def fmu_instance(path: Path) -> Generator[FmuInstance]:
 
 
 class FmuInstance:
-    """One instance; `messages` is its log. FMPy raises an error if a call is refused."""
+    """An instance of an FMU, called through FMPy, which raises an error if a call is refused.
+
+    `messages` is its log.
+    """
 
     def __init__(self, description: Any, folder: str) -> None:
         fmi2: Any = import_module("fmpy.fmi2")
@@ -217,7 +220,9 @@ class FmuInstance:
             self._fmu.instantiate(callbacks=self._callbacks)
 
     def initialise(self) -> None:
-        """Resets the instance and enters initialisation mode."""
+        """Resets the FMU instance and enters initialisation mode, in which initial samples
+        are set.
+        """
         self._fmu.reset()
         if not self._is_3:
             # gone in FMI 3.0, mandatory in 2.0

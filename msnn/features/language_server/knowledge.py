@@ -44,7 +44,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """All names of a model, with dotted names of sub-models, and the files of the model."""
+    """The names of a model by name, those of sub-models with dots, and the texts of its files."""
 
     names: Mapping[str, Known] = field(default_factory=dict[str, Known])
     sources: Mapping[str, SourceText] = field(default_factory=dict[str, SourceText])

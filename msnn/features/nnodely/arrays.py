@@ -91,7 +91,7 @@ def _term(value: Any) -> Term:
 
 
 def total(terms: Sequence[Term]) -> Term:
-    """The sum of terms; zeros are omitted."""
+    """A term for the sum of terms; zeros are omitted."""
     kept = [t for t in terms if not (isinstance(t.head, Number) and t.head.value == 0)]
     return reduce(plus, kept) if kept else number(0)
 
@@ -108,7 +108,9 @@ def product(left: Term, right: Term) -> Term:
 
 
 def summed(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> Elements:
-    """The sum over axes, by default over all."""
+    """Sums an array over the axes `dim`, by default over all; `keepdim` keeps them with
+    length 1.
+    """
     axes = range(array.ndim) if dim is None else (dim,) if isinstance(dim, int) else tuple(dim)
     axes = {axis % max(array.ndim, 1) for axis in axes}
     # what is summed moves behind, in its order: terms are added as torch's memory has them
@@ -160,7 +162,7 @@ def softmax(array: Elements, dim: int) -> Elements:
 
 
 def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:
-    """The maximum or minimum along an axis."""
+    """The maximum or minimum (`name` is `max` or `min`) along an axis, element by element."""
     moved = np.moveaxis(array, dim, -1)
     out = np.empty(moved.shape[:-1], dtype=object)
     for index in np.ndindex(*out.shape):

@@ -26,7 +26,7 @@ _VALUE = "value of "
 
 @dataclass(frozen=True, slots=True)
 class Covariance:
-    """The covariance of the parameters that a training has learned, in their units."""
+    """The covariance matrix of the parameters that a training has learned, with their values."""
 
     values: Mapping[str, FloatArray]
     """The estimated values of the parameters; the covariance is valid for these values only."""
@@ -40,7 +40,11 @@ class Covariance:
     def sorted_by_name(
         cls, names: Sequence[str], weights: Mapping[str, FloatArray], matrix: FloatArray
     ) -> Covariance:
-        """Builds the covariance from a matrix over the elements of `names`, sorted by name."""
+        """Builds the covariance from `matrix`, (n, n), over all elements of the parameters `names`
+        in turn.
+
+        Parameters are sorted by name in the result.
+        """
         places = _places(names, weights)
         # as safetensors sorts its arrays: rows are found again by the order of the file
         order = sorted(names)

@@ -40,7 +40,9 @@ class NonFiniteLossError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class EngineState:
-    """The complete state of an engine, to continue with identical bits: arrays and a JSON value."""
+    """The state of an engine from which training continues with identical bits: arrays and JSON
+    values.
+    """
 
     arrays: Mapping[str, FloatArray]
     structure: object
@@ -75,7 +77,9 @@ class Engine(Protocol):
         ...
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of training rollouts at the current weights, without dropout."""
+        """The losses of training rollouts at the current weights, without dropout, as sums and
+        counts.
+        """
         ...
 
     def order(self, count: int, key: int) -> IntArray:

@@ -66,7 +66,9 @@ class Cost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunLine:
-    """One training: its model and settings, its result, its metrics, and the cost of its C code."""
+    """One line of the log `runs.jsonl`: the model and settings of a training, its results and its
+    cost.
+    """
 
     format: Literal[1] = 1
     key: str

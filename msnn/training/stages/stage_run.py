@@ -225,7 +225,10 @@ class StageRun:
         return sums
 
     def _agreed(self, seconds: float, stops: bool) -> tuple[float, bool]:
-        """Broadcasts the decision, so that all ranks stop after the same batch."""
+        """The longest duration of all ranks, and True if any of them stops.
+
+        So all ranks stop after the same batch.
+        """
         if self.ranks is None:
             return seconds, stops
         longest, any_stops = self.ranks.most((seconds, float(stops)))

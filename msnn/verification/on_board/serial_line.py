@@ -100,7 +100,9 @@ class Answer:
 
 
 def read_answer(model: ExportedC, text: str) -> Answer:
-    """Compares the lines of an answer with those of the interpreter."""
+    """Compares the text that a board has sent with the expected bits; returns differences and
+    cycles.
+    """
     frame = _FRAME.search(text.replace("\r\n", "\n"))
     if frame is None:
         return Answer(("the answer has no beginning or no end",), None)
