@@ -39,7 +39,7 @@ _CLOSING = {"(": ")", "[": "]"}
 
 
 def malformed_expression(span: Span) -> Diagnostic:
-    """E0323: a text that is not an expression, for another reason than those below."""
+    """E0323: a text that is not a valid expression, without a more specific code."""
     return error("E0323", span, "this is not an expression", "cannot be read from here on")
 
 
