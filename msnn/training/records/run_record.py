@@ -36,6 +36,7 @@ def run_record(
     program: Program, plans: Sequence[StagePlan], data: Dataset, parts: Sequence[SubmodelFile] = ()
 ) -> dict[str, Any]:
     """The resolved stages, hashes of spec and data, versions, and reproducibility."""
+    plugins = {suffix: asdict(plugin) for suffix, plugin in data.plugins.items()}
     return {
         "format": _FORMAT,
         "program": program.name,
@@ -49,6 +50,7 @@ def run_record(
             "files": [record.file for record in data.records],
             "rows": {name: int(data.in_set(name).sum()) for name in data.sets},
             "sha256": data_hash(data),
+            **({"plugins": plugins} if plugins else {}),
         },
     }
 
