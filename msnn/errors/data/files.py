@@ -1,8 +1,9 @@
-"""E0801-E0826, E0869, E1228, E1326, W0832-W0834, W0837, W0838: data files and recordings."""
+"""E0801-E0826, E0869, E0932, E1228, E1326, W0832-W0834, W0837, W0838, W0957: data files."""
 
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from msnn.errors.data.rows import listed, seconds_text, shortened
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, remark, warning
@@ -26,6 +27,24 @@ def unreadable_file(
 ) -> Diagnostic:
     """E0802: a file that cannot be read, or that is not text."""
     return error("E0802", place, f"cannot read {file}: {reason}", "from here on", help=repair)
+
+
+def no_reader(suffix: str, file: str, fault: Diagnostic) -> Diagnostic:
+    """E0932: a file whose suffix no format and no plug-in has, and that is no table of text."""
+    message = (
+        f"no format of msnn and no installed plug-in reads `{suffix}` files; "
+        f"{file} was taken as CSV text: {fault.message}"
+    )
+    repair = f"install the plug-in that reads `{suffix}` files (`msnn doctor` lists the installed)"
+    as_text = f", or, if it is text: {fault.help}" if fault.help else ", or save the file as CSV"
+    return replace(fault, code="E0932", message=message, help=repair + as_text, replacement=None)
+
+
+def read_as_text(suffix: str) -> Diagnostic:
+    """W0957: files whose suffix no format and no plug-in has, which are read as text."""
+    message = f"no format of msnn and no installed plug-in reads `{suffix}` files"
+    repair = "install the plug-in that reads them, or, if they are text, name them `….csv`"
+    return warning("W0957", None, f"{message}: they are read as CSV text", help=repair)
 
 
 def spreadsheet(file: str) -> Diagnostic:
