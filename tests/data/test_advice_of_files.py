@@ -143,8 +143,8 @@ def test_a_damaged_file_is_not_advised_the_name_that_it_has(
 
 
 def test_a_binary_file_is_not_advised_another_encoding(tmp_path: Path) -> None:
-    (tmp_path / "a.bin").write_bytes(bytes(range(256)))
-    fault = fault_of(tmp_path, TIME, name="a.bin")
+    (tmp_path / "a.dat").write_bytes(bytes(range(256)))
+    fault = fault_of(tmp_path, TIME, name="a.dat")
     assert fault.code == "E0802"
     assert "neither text nor of a format" in fault.message
     assert "iconv" not in str(fault.help)
