@@ -14,7 +14,11 @@ from msnn.errors.data.rows import other_sample_time, step_repair
 from msnn.features.data_check import errors
 from msnn.features.data_check.channels import RowsOfData
 from msnn.features.data_check.dynamics.excitation import Excitation
-from msnn.features.data_check.dynamics.impulse_response import FALSE_ALARMS, TimeConstants
+from msnn.features.data_check.dynamics.impulse_response import (
+    FALSE_ALARMS,
+    ROWS_OF_A_PIECE,
+    TimeConstants,
+)
 from msnn.features.data_check.errors import too_few_rows
 from msnn.features.data_check.found import (
     CheckedChannel,
@@ -78,8 +82,11 @@ def sampling_findings(
             )
 
 
-def signal_findings(checked: DatasetCheck) -> Iterator[Diagnostic]:
-    """Reports faults in the values of every column."""
+def signal_findings(checked: DatasetCheck, ended: str | None) -> Iterator[Diagnostic]:
+    """Reports faults in the values of every column.
+
+    `ended` is the key of the spec that ends episodes at missing inputs, or leaves records out.
+    """
     for one in checked.channels:
         # a column without any value is told once, not by each check
         if one.found.missing == one.found.rows:
@@ -88,11 +95,11 @@ def signal_findings(checked: DatasetCheck) -> Iterator[Diagnostic]:
                     signal=one.channel.name, value=None, unit="", where=_files(checked.rows)
                 )
             continue
-        yield from _values(one, checked.rows)
+        yield from _values(one, checked.rows, ended)
         yield from _constant(one, checked.rows)
 
 
-def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
+def _values(one: CheckedChannel, rows: RowsOfData, ended: str | None) -> Iterator[Diagnostic]:
     channel, found = one.channel, one.found
     name, unit, signal = channel.name, channel.unit, channel.signal
     if found.missing:
@@ -103,6 +110,7 @@ def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
             place=rows.place(found.first_missing),
             longest=found.longest_missing,
             is_input=signal.role is Role.INPUT,
+            ended=ended,
         )
     if len(found.spikes):
         highest = int(np.argmax(found.spikes.heights))
@@ -185,9 +193,6 @@ def _files(rows: RowsOfData) -> str:
     return files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"
 
 
-_FEWEST_ROWS = 30
-
-
 def dynamics_findings(system: CheckedSystem, *, resampled: bool) -> Iterator[Diagnostic]:
     """Reports inputs with weak excitation, and targets without a visible response."""
     for dependence in system.about.dependences:
@@ -261,7 +266,7 @@ def _told(system: CheckedSystem, number: int) -> bool:
 
 
 def _needed(inputs: int) -> int:
-    return max(_FEWEST_ROWS, _FEWEST_ROWS * inputs)
+    return ROWS_OF_A_PIECE * max(inputs, 1)
 
 
 _FEWEST, _USUAL, _MOST = 5.0, 20.0, 60.0

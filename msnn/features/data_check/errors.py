@@ -39,15 +39,27 @@ def repeated_times(*, file: str, count: int, row: int, backward: bool) -> Diagno
 
 
 def missing_values(
-    *, signal: str, count: int, rows: int, place: str, longest: int, is_input: bool
+    *,
+    signal: str,
+    count: int,
+    rows: int,
+    place: str,
+    longest: int,
+    is_input: bool,
+    ended: str | None,
 ) -> Diagnostic:
     """W0814: values that a signal lacks."""
+    # `ended` is the key of the spec that already ends episodes there
     message = (
         f"{count} of {rows} values of `{signal}` are missing, the first in {place}; "
         f"the longest run has {longest}"
     )
     repair = "values of targets that are missing are not scored"
-    if is_input:
+    if is_input and ended is not None:
+        repair = f"`{ended}` already ends the episode there; record `{signal}` without holes"
+        if ended == "nan: drop":
+            repair = "`nan: drop` already leaves such records out; `nan: split` keeps their parts"
+    elif is_input:
         repair = "`nan: split` under `data:` ends the episode there, `nan: drop` leaves records out"
     return warning("W0814", None, message, help=repair)
 
@@ -133,8 +145,16 @@ def little_of_range(
 
 def too_few_rows(*, rows: int, longest: int, needed: int, of: str, resampled: bool) -> Diagnostic:
     """W0829: too few rows without gap to say anything of a response."""
-    parts = f", at most {longest} of them in one part without gap," if longest < rows else ""
-    message = f"{rows} rows with every value{parts} are too few to tell how `{of}` is moved"
+    if longest >= needed:
+        message = f"the {rows} rows with every value do not show how `{of}` is moved"
+        repair = f"`{of}` does not change in them, or its values are too large or too small"
+        return warning("W0829", None, message, help=repair)
+    message = f"{rows} rows with every value are too few to tell how `{of}` is moved"
+    if longest < rows:
+        message = (
+            f"the longest part without gap, {longest} of {rows} rows with every value, is too "
+            f"short to tell how `{of}` is moved"
+        )
     repair = f"{needed} rows in one part are enough: record for longer, "
     # where the spec resamples already, what lacks is values of the target
     lacking = f"with a value of `{of}` in every row"

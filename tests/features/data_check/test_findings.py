@@ -223,6 +223,29 @@ def test_few_rows_are_told_and_break_nothing(rows: int, tmp_path: Path):
     assert ("W0829" in said(found)) == (rows == 12)
 
 
+@pytest.mark.parametrize(("part", "is_enough"), [(15, False), (35, True)])
+def test_many_short_parts_are_too_few_only_if_none_has_enough_rows(
+    part: int, is_enough: bool, tmp_path: Path
+):
+    table = columns(560)
+    table["time"] += 9 * (np.arange(560) // part)
+    found = said(looked_at(tmp_path, table))
+    assert ("W0829" not in found) == is_enough
+    if not is_enough:
+        assert "the longest part without gap, 15 of 560 rows" in found["W0829"]
+        assert "30 rows in one part are enough" in found["W0829"]
+
+
+@pytest.mark.parametrize("key", ["nan: split", "nan: drop", "resample: linear"])
+def test_a_key_that_the_spec_has_is_not_advised(key: str, tmp_path: Path):
+    table = columns()
+    table["u"][[500, 501]] = np.nan
+    found = looked_at(tmp_path, table, SPEC.replace("time: time}", f"time: time, {key}}}"))
+    text = said(found)["W0814"]
+    assert f"`{key}` already" in text
+    assert "under `data:` ends" not in text
+
+
 def test_everything_at_once_breaks_nothing(tmp_path: Path):
     table = columns()
     for change in (uneven, with_gap, lacking, spiked, cut, still):

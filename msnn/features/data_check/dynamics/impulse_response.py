@@ -109,14 +109,17 @@ def responses(pieces: Sequence[Piece]) -> Responses | None:
     inputs = pieces[0].inputs.shape[1] if pieces else 0
     # rows a number, and a bound on the time of a fit
     numbers = min(rows // _ROWS_A_NUMBER, _MOST_NUMBERS)
-    own = min(_OWN, numbers // 4)
-    # each input has as many numbers: many inputs have short responses
-    last = min(LONGEST_DELAY, (numbers - own) // max(inputs, 1) - 2)
-    if last < 1 or own < 1:
-        return None
-    model = fit_arx(pieces, ArxOrders(own, last))
-    if model is None:
-        return None
+    model, last = None, 0
+    while model is None:
+        own = min(_OWN, numbers // 4)
+        # each input has as many numbers: many inputs have short responses
+        last = min(LONGEST_DELAY, (numbers - own) // max(inputs, 1) - 2)
+        if last < 1 or own < 1:
+            return None
+        model = fit_arx(pieces, ArxOrders(own, last))
+        # many rows in short pieces: a model as short as a piece, if one is long enough to see it
+        is_short = max(map(len, pieces)) < ROWS_OF_A_PIECE * max(inputs, 1)
+        numbers = 0 if is_short else numbers // 2
     # a band for all lags together (Šidák): each lag takes the (n+1)-th root of the confidence
     quantile = NormalDist().inv_cdf(0.5 + 0.5 * (1 - FALSE_ALARMS) ** (1 / (last + 1)))
     # Student's t by its first term beyond the normal one (Abramowitz and Stegun 26.7.5)
@@ -170,6 +173,8 @@ _LEAST = 0.03
 """Singular values below this fraction of the largest are neglected."""
 _SLOWER = 4
 _FEWEST_ROWS = 200
+ROWS_OF_A_PIECE = 30
+"""Rows without gap per input that suffice for an estimate."""
 _LEAST_ENERGY = 0.01
 """Modes with a smaller fraction of the responses' energy are neglected."""
 
