@@ -268,7 +268,11 @@ def _no_response(
         if answer is not None and told and not answer.seen:
             unseen.append((number, answer))
     for limited in (False, True):
-        alike = [(number, answer) for number, answer in unseen if answer.limited == limited]
+        alike = [
+            (number, answer)
+            for number, answer in unseen
+            if (answer.limited or _is_slow(system, number)) == limited
+        ]
         if alike:
             yield errors.no_response(
                 signal=target.channel.name,
@@ -279,6 +283,15 @@ def _no_response(
                 limited=limited,
                 elsewhere=any(_seen_elsewhere(system, target, number) for number, _ in alike),
             )
+
+
+_COVERED = 0.25
+
+
+def _is_slow(system: CheckedSystem, number: int) -> bool:
+    """True if an input moves in few frequency bands alone, so that its effect may hide in drift."""
+    excites = system.about.excitation[number]
+    return excites is None or excites.covered < _COVERED
 
 
 def _seen_elsewhere(system: CheckedSystem, target: CheckedTarget, number: int) -> bool:
