@@ -135,6 +135,7 @@ def _system(model: Model, dataset: Dataset, step: float) -> CheckedSystem:
     table = np.zeros((dataset.rows, len(inputs)))
     for column, channel in enumerate(inputs):
         table[:, column] = _clean(channel, rows)
+    names = [channel.name for channel in inputs]
     about = check_inputs(table, rows.follows, [rounding(channel.values) for channel in inputs])
     return CheckedSystem(
         step=step,
@@ -144,7 +145,7 @@ def _system(model: Model, dataset: Dataset, step: float) -> CheckedSystem:
             CheckedTarget(
                 channel,
                 wanted[channel.signal.name],
-                check_target(_clean(channel, rows), table, rows.follows, about),
+                check_target(_clean(channel, rows), table, rows.follows, about, names),
             )
             for channel in channels
             if channel.signal.name in wanted

@@ -1,7 +1,8 @@
-"""W0810-W0829, E0827-E0829, E1130: findings of `msnn data`, errors of `msnn init --data`."""
+"""W0810-W0829, W0847, E0827-E0829, E1130: findings of `msnn data`, errors of `msnn init --data`."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
@@ -200,12 +201,12 @@ def weak_excitation(*, input: str, order: int, needed: int, highest: float | Non
 
 
 def sampling_of_system(
-    *, signal: str, constant: float, rows: float, every: int | None
+    *, signal: str, motion: str, rows: float, of: str, every: int | None
 ) -> Diagnostic:
     """W0822: a sample time that does not suit the time constant of the data."""
     message = (
-        f"the slowest time constant of `{signal}` is {constant:.3g} s, {rows:.3g} sample times; "
-        "10 to 30 are usual"
+        f"the {'fastest' if every is not None else 'slowest'} motion of `{signal}` {motion}, "
+        f"{rows:.3g} sample times; 10 to 30 per {of} are usual"
     )
     repair = "record faster: what happens between rows is not in the data (`sample_time:`)"
     if every is not None:
@@ -229,12 +230,14 @@ def short_window(
     return warning("W0823", None, message, help=repair)
 
 
-def short_horizon(*, signal: str, horizon: int, constant: float, key: str) -> Diagnostic:
+def short_horizon(
+    *, signal: str, horizon: int, constant: float, least: float, key: str
+) -> Diagnostic:
     """W0824: rollouts of training that end before the slowest motion does."""
     rows = round(constant)
     message = (
         f"rollouts of {horizon} rows are shorter than the slowest time constant of `{signal}`, "
-        f"{rows} rows: what drifts slowly is not trained"
+        f"{rows} rows (at least {math.floor(least)}): slow drift is not trained"
     )
     return warning("W0824", None, message, help=f"write `{key}: {2 * rows}` or more")
 
@@ -259,15 +262,62 @@ def dependent_inputs(*, input: str, formula: str, share: float) -> Diagnostic:
     return warning("W0826", None, message, help=repair)
 
 
-def no_response(*, signal: str, inputs: Sequence[str], lags: int, chance: float) -> Diagnostic:
+def no_response(
+    *,
+    signal: str,
+    inputs: Sequence[str],
+    lags: int,
+    p_values: Sequence[float],
+    static: float,
+    limited: bool,
+    elsewhere: bool,
+) -> Diagnostic:
     """W0827: inputs without a visible response."""
     named = ", ".join(f"`{name}`" for name in inputs)
+    chances = ", ".join(f"{value:.2g}" for value in p_values)
     message = (
-        f"`{signal}` shows no response to {named} within {lags} rows "
-        f"(a false alarm in {chance:.0%} of the cases)"
+        f"`{signal}` shows no response to {named} within {lags} rows (joint test: p = {chances})"
     )
-    repair = "look at delay, columns and units, or take what has no influence out of `inputs:`"
-    return warning("W0827", None, message, help=repair)
+    if limited:
+        note = f"the recording cannot exclude a static effect on `{signal}`"
+        if static < 1:
+            note += f" below {static:.0%} of its deviation"
+        repair = (
+            f"keep {named}, and record longer or with larger steps; look at delays beyond "
+            f"{lags} rows, columns and units"
+        )
+        return warning("W0827", None, message, notes=(note,), help=repair)
+    note = f"a static effect above {static:.1%} of the deviation of `{signal}` is unlikely"
+    repair = f"look at delays beyond {lags} rows, columns and units, or "
+    repair += (
+        f"leave it out of what predicts `{signal}`"
+        if elsewhere
+        else "take what has no influence out of `inputs:`"
+    )
+    return warning("W0827", None, message, notes=(note,), help=repair)
+
+
+def set_point_as_input(*, signal: str, input: str, controller: str | None) -> Diagnostic:
+    """W0847: an input that is the set-point of a controller, not an input of the plant."""
+    if controller is None:
+        message = (
+            f"`{signal}` follows `{input}` in the long run, and its name says set-point: a "
+            "controller seems to act between them"
+        )
+        repair = (
+            f"for a model of the plant, take `{input}` out of `inputs:` and read the output of the "
+            "controller; for a model of the closed loop, keep it"
+        )
+        return warning("W0847", None, message, help=repair)
+    message = (
+        f"`{input}` is the set-point of `{signal}`: a controller computes `{controller}` from "
+        f"their difference, and `{input}` acts through `{controller}` alone"
+    )
+    repair = (
+        f"for a model of the plant, take `{input}` out of `inputs:`; for a model of the closed "
+        f"loop, take `{controller}` out"
+    )
+    return warning("W0847", None, message, help=repair)
 
 
 def no_table(file: str, format: str | None = None) -> Diagnostic:
