@@ -35,6 +35,6 @@ def test_a_constant_has_the_unit_that_is_given(text: str):
     assert builder.type(builder.constant(9.81, unit=unit)).unit == unit
     assert builder.type(builder.constant([1.0, 2.0], (Axis("i", 2),))).unit == parse_unit("1")
     builder.add(builder.constant(9.81, unit=unit), builder.constant(0.0))
-    assert builder.conflicts == []
+    assert not builder.conflicts
     builder.add(builder.constant(9.81, unit=unit), builder.constant(2.0, unit=parse_unit("K")))
     assert len(builder.conflicts) == 1
