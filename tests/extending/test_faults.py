@@ -113,6 +113,11 @@ FAULTS = (
         "def compiler(e, l, program, o): return CompiledSection(Problem(program), ('no',))",
         "returned a warning that is no Diagnostic",
     ),
+    Fault(
+        "section `limit`",
+        "def compiler(*_): raise SpecError([])",
+        "raised a SpecError without an error: write `SpecError([error(...)])`",
+    ),
     Fault("section `limit`", "def compiler(): pass", "raised TypeError: "),
     Fault("section `limit`", "def text(problem): return problem.size", "raised AttributeError"),
     Fault("section `limit`", "def text(problem): return None", "returned a NoneType, not a str"),
@@ -259,10 +264,26 @@ def test_a_fault_names_the_plugin(
     assert "of its own" not in said
 
 
+@pytest.mark.parametrize(
+    "fault",
+    [fault for fault in FAULTS if fault.message.startswith("raised ")],
+    ids=lambda fault: fault.change[:50],
+)
 def test_verbose_shows_the_traceback(
-    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    fault: Fault, install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    assert ended(FAULTS[0], install, tmp_path, "--verbose") == 1
+    assert ended(fault, install, tmp_path, "--verbose") == 1
     said = capsys.readouterr().err
     assert "Traceback" in said
-    assert "KeyError: 'k'" in said
+    assert fault.message.partition(" ")[2].partition("(")[0].rstrip(": ") in said
+
+
+def test_what_a_plugin_prints_is_no_result(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    change = "def text(problem): print('compiled'); return 'a limit'"
+    assert ended(Fault("", change, "", "show"), install, tmp_path) == 0
+    said = capsys.readouterr()
+    assert "a limit" in said.out
+    assert "compiled" not in said.out
+    assert "compiled" in said.err
