@@ -101,7 +101,11 @@ def lower_plugin_function(
     context.plugin_functions.add(line.key)
     builder = context.builder(environment)
     # specs without plug-ins do not need it
-    from compiler.layers.rules.plugin_nodes import PluginBuilder, guarded_expansion
+    from compiler.layers.rules.plugin_nodes import (
+        PluginBuilder,
+        PluginNode,
+        guarded_expansion,
+    )
 
     part = PluginPart("function", line.key, line.expand.module, (LoweringFailed, AxisConflict))
     own, expand = PluginBuilder(builder), line.expand.value
@@ -111,7 +115,7 @@ def lower_plugin_function(
     nodes = lower_operands(context, call.arguments, environment)
     _warn_of_twin_axes(context, line.key, call, nodes, environment)
     with aligning(context, line.key, call, call.arguments[0], call.arguments[-1]):
-        operands = map(own.node, nodes)
+        operands = [PluginNode(node, builder) for node in nodes]
         return guarded_expansion(part, expand, builder, call.span, own, *operands)
 
 

@@ -1,4 +1,4 @@
-"""The page about plug-ins lists every name of `msnn.extending` and real methods of the builder."""
+"""The page about plug-ins lists every name of `msnn.extending`."""
 
 from __future__ import annotations
 
@@ -17,15 +17,6 @@ def test_the_page_has_a_sentence_for_every_name():
     table = PAGE.partition("| name | what it is |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| `(\w+)` \| ([A-Z].*\.) \|$", table, re.MULTILINE)
     assert [name for name, _ in rows] == extending.__all__
-
-
-def test_the_page_names_methods_of_the_builder():
-    table = PAGE.partition("| methods | what they make |")[2].partition("\n\n")[0]
-    names = [
-        name for row in table.split("\n")[2:] for name in re.findall(r"`(\w+)", row.split("|")[1])
-    ]
-    assert len(names) > 20
-    assert [name for name in names if not hasattr(GraphBuilder, name)] == []
 
 
 @pytest.mark.parametrize("text", ["m/s^2", "1", "N*m"])

@@ -22,6 +22,7 @@ from compiler.layers.rules.plugin_nodes import (
     checked,
     fault_of_node,
     guarded_expansion,
+    index_in,
 )
 from compiler.lowering.context import LoweringFailed, Sampling
 from spec_schema import registry
@@ -81,7 +82,7 @@ class PluginContext:
 
     def elements(self, node: PluginNode) -> tuple[Axis, ...]:
         """The axes of a value other than its window."""
-        return self.inner.elements(self.builder.index(node))
+        return self.inner.elements(index_in(self.inner.builder, node))
 
     def learned(
         self,
@@ -122,15 +123,14 @@ class PluginContext:
             bounds = f"{lowest:g} … {highest:g}"
             raise ValueError(f"the initial value {outside[0]:g} of `{name}` is not in {bounds}")
         axes = tuple(checked(axis, Axis, "a `msnn.extending.Axis`") for axis in axes)
-        return self.builder.node(
-            self.inner.learned(name, axes, values, doc, unit=unit, low=least, high=most)
-        )
+        node = self.inner.learned(name, axes, values, doc, unit=unit, low=least, high=most)
+        return PluginNode(node, self.inner.builder)
 
     def apply(self, function: Located[str], nodes: Sequence[PluginNode]) -> PluginNode:
         """Applies a function that the spec names to operands of equal axes."""
-        builder = self.builder
-        indices = [builder.index(node) for node in nodes]
-        return builder.node(self.inner.apply(function, indices))
+        builder = self.inner.builder
+        indices = [index_in(builder, node) for node in nodes]
+        return PluginNode(self.inner.apply(function, indices), builder)
 
 
 def _bound(name: str, bound: float | None) -> float | None:
@@ -169,7 +169,7 @@ class PluginRule(Generic[S]):
 
 
 def _nodes(context: PluginContext, indices: Sequence[int]) -> PluginArguments:
-    return tuple(map(context.builder.node, indices))
+    return tuple(PluginNode(index, context.inner.builder) for index in indices)
 
 
 def read_values(context: PluginContext, count: int) -> PluginArguments:

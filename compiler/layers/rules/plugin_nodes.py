@@ -100,20 +100,9 @@ class PluginBuilder:
         """Operands whose units do not fit, which are reported at the call in the spec."""
         return tuple(self._builder.conflicts)
 
-    def index(self, node: object) -> NodeId:
-        """The index of a node. Raises TypeError for a number or a node of another graph."""
-        fault = fault_of_node(node, self._builder)
-        if fault is not None:
-            raise TypeError(f"got {fault}")
-        return cast("PluginNode", node).index
-
-    def node(self, index: NodeId) -> PluginNode:
-        """The node with an index."""
-        return PluginNode(index, self._builder)
-
     def type(self, node: PluginNode) -> Type:
         """The axes and the unit of a value."""
-        return self._builder.type(self.index(node))
+        return self._builder.type(self._index(node))
 
     def constant(
         self,
@@ -130,7 +119,7 @@ class PluginBuilder:
         count = int(np.prod([axis.size for axis in _axes(axes)]))
         if values.size != count:
             raise ValueError(f"a constant has {values.size} elements, and its axes {count}")
-        return self.node(self._builder.constant(values, _axes(axes), _unit(unit)))
+        return self._made(self._builder.constant(values, _axes(axes), _unit(unit)))
 
     def add(self, left: PluginNode, right: PluginNode) -> PluginNode:
         """left + right."""
@@ -150,14 +139,14 @@ class PluginBuilder:
 
     def negate(self, value: PluginNode) -> PluginNode:
         """-value."""
-        return self.node(self._builder.negate(self.index(value)))
+        return self._made(self._builder.negate(self._index(value)))
 
     def power(self, base: PluginNode, exponent: int) -> PluginNode:
         """base to the power of an integer, by products."""
-        index = self.index(base)
+        index = self._index(base)
         if isinstance(exponent, PluginNode):
             raise TypeError("a node is no exponent: write `builder.apply('pow', base, exponent)`")
-        return self.node(self._builder.power(index, _whole(exponent, "the exponent")))
+        return self._made(self._builder.power(index, _whole(exponent, "the exponent")))
 
     def minimum(self, left: PluginNode, right: PluginNode) -> PluginNode:
         """The smaller one of two values."""
@@ -169,7 +158,7 @@ class PluginBuilder:
 
     def clamp(self, value: PluginNode, low: PluginNode, high: PluginNode) -> PluginNode:
         """The value, limited to low … high."""
-        return self.node(self._builder.clamp(*map(self.index, (value, low, high))))
+        return self._made(self._builder.clamp(*map(self._index, (value, low, high))))
 
     def apply(self, function: str, *args: PluginNode) -> PluginNode:
         """A scalar function of the language, such as `tanh`, element by element."""
@@ -178,22 +167,22 @@ class PluginBuilder:
             raise ValueError(f"`{function}` is no scalar function")
         if len(args) != row.arity:
             raise ValueError(f"`{function}` takes {row.arity} nodes, and got {len(args)}")
-        return self.node(self._builder.apply(function, *map(self.index, args)))
+        return self._made(self._builder.apply(function, *map(self._index, args)))
 
     def compare(self, relation: Relation, left: PluginNode, right: PluginNode) -> PluginNode:
         """True where `left relation right`, such as `Relation.LESS`."""
         found = checked(relation, Relation, "a `msnn.extending.Relation`, such as `Relation.LESS`")
-        return self.node(self._builder.compare(found, self.index(left), self.index(right)))
+        return self._made(self._builder.compare(found, self._index(left), self._index(right)))
 
     def select(self, condition: PluginNode, then: PluginNode, otherwise: PluginNode) -> PluginNode:
         """`then` where a comparison is true, else `otherwise`."""
         if self.type(condition).kind != "bool":
             raise TypeError("the condition is no comparison: write `builder.compare(...)`")
-        return self.node(self._builder.select(*map(self.index, (condition, then, otherwise))))
+        return self._made(self._builder.select(*map(self._index, (condition, then, otherwise))))
 
     def sum(self, value: PluginNode, axis: str) -> PluginNode:
         """The sum over one axis, which is removed."""
-        return self.node(self._builder.sum(self.index(value), self._axis(value, axis).name))
+        return self._made(self._builder.sum(self._index(value), self._axis(value, axis).name))
 
     def contract(self, left: PluginNode, right: PluginNode) -> PluginNode:
         """left @ right: the sum of products over the axis that both have."""
@@ -202,8 +191,8 @@ class PluginBuilder:
     def contract_over(self, left: PluginNode, right: PluginNode, axis: str) -> PluginNode:
         """The sum of products over an axis that both have."""
         name = self._axis(right, self._axis(left, axis).name).name
-        found = self._builder.contract_over(self.index(left), self.index(right), name)
-        return self.node(found)
+        found = self._builder.contract_over(self._index(left), self._index(right), name)
+        return self._made(found)
 
     def slice(self, value: PluginNode, axis: str, start: int, stop: int) -> PluginNode:
         """Elements start … stop-1 along an axis."""
@@ -211,7 +200,7 @@ class PluginBuilder:
         size = self._axis(value, axis).size
         if not 0 <= first < end <= size:
             raise ValueError(f"the axis `{axis}` has {size} elements, not [{first}, {end})")
-        return self.node(self._builder.slice(self.index(value), axis, first, end))
+        return self._made(self._builder.slice(self._index(value), axis, first, end))
 
     def element(self, value: PluginNode, axis: str, index: int) -> PluginNode:
         """One element along an axis, which is removed; the first has the index 0."""
@@ -219,34 +208,42 @@ class PluginBuilder:
         size = self._axis(value, axis).size
         if not 0 <= first < size:
             raise ValueError(f"the axis `{axis}` has {size} elements, and none at {first}")
-        return self.node(self._builder.element(self.index(value), axis, first))
+        return self._made(self._builder.element(self._index(value), axis, first))
 
     def concat(self, values: Sequence[PluginNode], axis: str) -> PluginNode:
         """Values joined along an axis that all have."""
-        nodes = [self.index(value) for value in values]
+        nodes = [self._index(value) for value in values]
         if not nodes:
             raise ValueError("`concat` has no values")
         for value in values:
             self._axis(value, axis)
-        return self.node(self._builder.concat(nodes, axis))
+        return self._made(self._builder.concat(nodes, axis))
 
     def broadcast(self, value: PluginNode, axes: Sequence[Axis]) -> PluginNode:
         """The value, repeated along the axes that it lacks."""
-        return self.node(self._builder.broadcast(self.index(value), _axes(axes)))
+        return self._made(self._builder.broadcast(self._index(value), _axes(axes)))
 
     def reshape(self, value: PluginNode, axes: Sequence[Axis]) -> PluginNode:
         """The same elements in the same order, with other axes of the same number of elements."""
-        return self.node(self._builder.reshape(self.index(value), _axes(axes)))
+        return self._made(self._builder.reshape(self._index(value), _axes(axes)))
 
     def rename(self, value: PluginNode, old: str, new: str) -> PluginNode:
         """The value, with another name of one axis."""
         name = checked(new, str, "the name of an axis")
-        return self.node(self._builder.rename(self.index(value), self._axis(value, old).name, name))
+        return self._made(
+            self._builder.rename(self._index(value), self._axis(value, old).name, name)
+        )
+
+    def _index(self, node: object) -> NodeId:
+        return index_in(self._builder, node)
+
+    def _made(self, index: NodeId) -> PluginNode:
+        return PluginNode(index, self._builder)
 
     def _binary(
         self, make: Callable[[NodeId, NodeId], NodeId], left: PluginNode, right: PluginNode
     ) -> PluginNode:
-        return self.node(make(self.index(left), self.index(right)))
+        return self._made(make(self._index(left), self._index(right)))
 
     def _axis(self, value: PluginNode, axis: str) -> Axis:
         axes = self.type(value).axes
@@ -298,6 +295,14 @@ def guarded_expansion(
         return place
 
     return cast("PluginNode", part.guarded(expand, fault, at)(*arguments)).index
+
+
+def index_in(builder: GraphBuilder, node: object) -> NodeId:
+    """The index of a node. Raises TypeError for a number or a node of another graph."""
+    fault = fault_of_node(node, builder)
+    if fault is not None:
+        raise TypeError(f"got {fault}")
+    return cast("PluginNode", node).index
 
 
 def fault_of_node(node: object, builder: GraphBuilder) -> str | None:
