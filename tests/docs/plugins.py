@@ -57,13 +57,19 @@ def _written(name: str, member: property | Callable[..., object]) -> str:
 
 def _parameter(parameter: inspect.Parameter) -> str:
     kinds = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}
-    kind = re.sub(r"Plugin(\w+)", lambda m: _OF_PLUGINS[m[1]], str(parameter.annotation))
+    kind = re.sub(r"Plugin(\w+)", lambda m: _OF_PLUGINS[m[1]], _kind(parameter.annotation))
     text = f"{kinds.get(parameter.kind, '')}{parameter.name}: {kind}"
     if parameter.default is parameter.empty:
         return text
     unit = parameter.default
     default = f"parse_unit('{unit.text}')" if isinstance(unit, Unit) else repr(unit)
     return f"{text} = {default}"
+
+
+def _kind(annotation: object) -> str:
+    text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
+    # without the names of modules
+    return re.sub(r"\b\w+\.", "", text)
 
 
 def _sentence(member: object) -> str:
