@@ -206,6 +206,8 @@ FAULTS = (
             "c.learned('w', ('i',), 1, 'x')": "`'i'` is not a `msnn.extending.Axis`",
             "c.learned('w', (Axis('i', 2),), [1, 2, 3], 'x')": "raised ValueError",
             "c.learned('w', (), 1, 'x', unit='m')": "write `parse_unit('m/s')`",
+            "c.learned('w', (Axis('i', 0),), 1, 'x')": "raised ValueError: `w` has an empty axis",
+            "c.learned('w', (Axis('i', 2), Axis('i', 2)), 1, 'x')": "`w` has an axis twice",
             "c.refuse('too small')": "is not a Diagnostic: write `error(...)`",
         }.items()
     ),

@@ -123,6 +123,10 @@ class PluginContext:
             bounds = f"{lowest:g} … {highest:g}"
             raise ValueError(f"the initial value {outside[0]:g} of `{name}` is not in {bounds}")
         axes = tuple(checked(axis, Axis, "a `msnn.extending.Axis`") for axis in axes)
+        if min((axis.size for axis in axes), default=1) < 1:
+            raise ValueError(f"`{name}` has an empty axis")
+        if len({axis.name for axis in axes}) < len(axes):
+            raise ValueError(f"`{name}` has an axis twice")
         node = self.inner.learned(name, axes, values, doc, unit=unit, low=least, high=most)
         return PluginNode(node, self.inner.builder)
 
