@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 GROUP = "msnn.features"
+UNKNOWN_VERSION = "of unknown version"
+"""The version of a plug-in whose package has no metadata."""
 _ALL = "all"
 """The word of `msnn export --to` for every target of msnn."""
 _OF_THE_LANGUAGE = LateObject("compiler.ir.scalars", "OF_THE_LANGUAGE")
@@ -67,6 +69,10 @@ class Plugins:
     warnings: tuple[Diagnostic, ...] = ()
     failed: Mapping[str, str] = field(default_factory=dict[str, str])
     """Packages whose plug-in is left out, each with the reason."""
+    refused: Mapping[tuple[str, str], tuple[Diagnostic, ...]] = field(
+        default_factory=dict[tuple[str, str], tuple[Diagnostic, ...]]
+    )
+    """Warnings about names that are left out, by kind and name."""
 
 
 class _Search:
@@ -212,6 +218,7 @@ def _looked_up() -> Plugins:
     found: list[Plugin] = []
     warnings: list[Diagnostic] = []
     failed: dict[str, str] = {}
+    refused: dict[tuple[str, str], tuple[Diagnostic, ...]] = {}
     for point in points:
         package = _package(point)
         try:
@@ -228,9 +235,11 @@ def _looked_up() -> Plugins:
         # a module that fails takes only its own names along
         faults = {id(line): error for line in _all_lines(feature) if (error := _fault(line))}
         keys: set[tuple[str, str]] = set()
+        own: list[tuple[str, str, Diagnostic]] = []
         for kind, lines, line in _lines(feature):
             if id(line) in faults:
-                warnings.append(_broken(package, f"the {kind} `{line.key}`", faults[id(line)]))
+                fault = _broken(package, f"the {kind} `{line.key}`", faults[id(line)])
+                own.append((kind, line.key, fault))
                 continue
             reason = _why_not(kind, line.key, package, keys, found)
             if reason is None and not lines.is_free(line.key):
@@ -240,10 +249,11 @@ def _looked_up() -> Plugins:
                 _SEARCH.added.append((lines, line))
                 keys.add((kind, line.key))
             else:
-                warnings.append(_without(package, kind, line.key, reason))
+                own.append((kind, line.key, _without(package, kind, line.key, reason)))
         for kind, key, line in _named(feature):
             if id(line) in faults:
-                warnings.append(_broken(package, f"the {kind} `{key}`", faults[id(line)]))
+                fault = _broken(package, f"the {kind} `{key}`", faults[id(line)])
+                own.append((kind, key, fault))
                 continue
             names, ours, taken = _NAMES[kind]
             reason = _why_not(kind, key, package, keys, found)
@@ -253,15 +263,18 @@ def _looked_up() -> Plugins:
                 names[key] = line
                 keys.add((kind, key))
             else:
-                warnings.append(_without(package, kind, key, reason))
+                own.append((kind, key, _without(package, kind, key, reason)))
+        for kind, key, warning in own:
+            warnings.append(warning)
+            refused[kind, key] = (*refused.get((kind, key), ()), warning)
         if faults and not keys:
             failed[package] = _reason(next(iter(faults.values())))
             continue
-        version = "" if point.dist is None else point.dist.version
+        version = _metadata(point, "Version") or UNKNOWN_VERSION
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
-    return Plugins(tuple(found), tuple(warnings), failed)
+    return Plugins(tuple(found), tuple(warnings), failed, refused)
 
 
 def _why_not(
@@ -295,7 +308,20 @@ def _reason(error: BaseException) -> str:
 
 
 def _package(point: EntryPoint) -> str:
-    return point.module.partition(".")[0] if point.dist is None else point.dist.name
+    return _metadata(point, "Name") or point.module.partition(".")[0]
+
+
+def _metadata(point: EntryPoint, key: str) -> str | None:
+    """A value of the package's metadata; None if an incomplete installation does not have it."""
+    if point.dist is None:
+        return None
+    try:
+        found = point.dist.metadata
+        # a subscript of a missing key is deprecated, and `get` is not in the protocol
+        return next(iter(found.get_all(key) or ()), None)
+    # Python 3.15 raises an exception of its own for a missing file, older versions do not
+    except Exception:  # noqa: BLE001
+        return None
 
 
 _NAMES: dict[str, tuple[dict[str, Any], LateObject, str]] = {
