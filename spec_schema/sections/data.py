@@ -1,5 +1,6 @@
 """The `data` section: files, rows, columns of the records, and their sets train, val, test."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field
@@ -14,7 +15,7 @@ from spec_schema.expressions.moments import Date
 from spec_schema.expressions.tree import Duration
 from spec_schema.fields.entry import BySignal, Entry, Named, RefusedError, findings_of
 from spec_schema.fields.formulas import ConditionField
-from spec_schema.fields.leaf import Gathering, one_or_many
+from spec_schema.fields.leaf import Gathering, Located, one_or_many
 from spec_schema.fields.plain import (
     Character,
     LocatedText,
@@ -95,6 +96,34 @@ _COLUMN = {"type": ["string", "integer"], "minimum": 0}
 ColumnField: TypeAlias = Annotated[ColumnName, reads(_read_column, _COLUMN)]
 
 
+def _read_mark(node: Node, findings: Findings) -> Located[float | str]:
+    found = scalar(node, findings, "a number or a text")
+    value = found.value
+    if not found.text.strip() or value is None:
+        findings.report(errors.empty_value("a mark of missing values", found.span))
+        raise RefusedError
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return Located(found.text.strip(), found.span, found.key)
+    if not math.isfinite(value):
+        # NaN is missing in every file, and infinity is a mistake in every file
+        findings.report(errors.out_of_range(found.text, found.span, "finite, or a text"))
+        raise RefusedError
+    return Located(float(value), found.span, found.key)
+
+
+def _marks(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
+    items = read_items(node, info)
+    if not items:
+        wanted, repair = "a mark of missing values", "write `[-9999]`, or leave the key out"
+        findings_of(info).report(errors.wrong_kind(wanted, "an empty list", node.span, repair))
+        raise RefusedError
+    return items
+
+
+Mark: TypeAlias = Annotated[Located[float | str], reads(_read_mark, {"type": ["number", "string"]})]
+Marks: TypeAlias = Annotated[tuple[Mark, ...], Gathering(_marks, schema=one_or_many)]
+
+
 class Column(Entry):
     """The columns of one signal: value = scale * cell + offset, in `unit`."""
 
@@ -109,6 +138,8 @@ class Column(Entry):
     """Factor of the cells."""
     offset: Annotated[float, number()] = 0.0
     """Added after the factor."""
+    missing: Marks | None = None
+    """Numbers and texts of cells that mean: not measured."""
 
 
 SETS = ("train", "val", "test")
@@ -422,6 +453,8 @@ class Layout(Entry):
     """Rows that are kept: those for which a comparison of signals holds."""
     records: Annotated[Literal["file", "row_group"], choice("file", "row_group")] | None = None
     """What a record is: a file, or a row group of a Parquet file, which is read at a time."""
+    missing: Marks | None = None
+    """Numbers and texts of cells that mean: not measured."""
 
 
 class Source(Layout):

@@ -134,6 +134,8 @@ class Case:
     without: str | None = None
     lost: bool = False
     """Whether one value of x is missing."""
+    marked: bool = False
+    """Whether one value of x is −9999."""
     gap: bool = False
     """Whether a second is missing in the middle."""
 
@@ -153,6 +155,8 @@ CASES: dict[str, Case] = {
     "Data.split": Case("split: {val: 0.5}\n"),
     "Data.nan": Case("nan: split\n", lost=True),
     "Data.keep": Case("keep: disk\n"),
+    "Data.missing": Case("missing: -9999\n", marked=True),
+    "Column.missing": Case("columns: {x: {column: x, missing: -9999}, F: F}\n", marked=True),
     "TimeColumn.column": Case("time: {column: nonsense}\n", ""),
     "TimeColumn.unit": Case("time: {column: time, unit: ms}\n"),
     "Csv.delimiter": Case('csv: {delimiter: ";"}\n'),
@@ -230,6 +234,8 @@ def written(folder: Path, kind: str, case: Case) -> str:
     x, force = np.sin(3 * time), np.cos(time)
     if case.lost:
         x[5] = np.nan
+    if case.marked:
+        x[5] = -9999
     if case.gap:
         time[3:] += 1.0
     names: list[str] = []
