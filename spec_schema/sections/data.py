@@ -12,6 +12,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
 from spec_schema.expressions.moments import Date
+from spec_schema.expressions.scanner import NUMBER_PATTERN, parse_length
 from spec_schema.expressions.tree import Duration
 from spec_schema.fields.entry import BySignal, Entry, Named, RefusedError, findings_of
 from spec_schema.fields.formulas import ConditionField
@@ -121,7 +122,9 @@ def _marks(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
 
 
 Mark: TypeAlias = Annotated[Located[float | str], reads(_read_mark, {"type": ["number", "string"]})]
-Marks: TypeAlias = Annotated[tuple[Mark, ...], Gathering(_marks, schema=one_or_many)]
+Marks: TypeAlias = Annotated[
+    tuple[Mark, ...], Gathering(_marks, schema=lambda mark: {**one_or_many(mark), "minItems": 1})
+]
 
 
 class Column(Entry):
@@ -377,6 +380,38 @@ _EXAMPLES: Mapping[str, str] = {
 _SHARE_ROUNDING = 1e-9
 
 
+LEAST_GAP = 1.0
+
+
+def _read_gap(node: Node, findings: Findings) -> float | Duration:
+    """A number of steps, or a duration; a number is never taken for samples."""
+    found = scalar(node, findings, "a number of steps such as `2.5`, or a duration")
+    if isinstance(found.value, str):
+        length = parse_length(found.text, found.positions)
+        if not isinstance(length, Duration):
+            repair = "write `2.5`, times the sample time, or a duration such as `300 ms`"
+            findings.report(errors.wrong_kind("a number or a duration", "text", found.span, repair))
+            raise RefusedError
+        if not length.seconds > 0:
+            findings.report(errors.out_of_range(found.text, found.span, "above 0 s"))
+            raise RefusedError
+        return length
+    value = read_number(node, findings)
+    if not value > LEAST_GAP:
+        wanted = "above 1: a step of one sample time is no hole"
+        findings.report(errors.out_of_range(f"{value:g}", found.span, wanted))
+        raise RefusedError
+    return value
+
+
+_GAP = {
+    "type": ["number", "string"],
+    "exclusiveMinimum": LEAST_GAP,
+    "pattern": rf"^{NUMBER_PATTERN}[ \t]*(us|ms|s|min|h)$",
+}
+GapField: TypeAlias = Annotated[float | Duration, reads(_read_gap, _GAP)]
+
+
 class Csv(Entry):
     """The layout of a text file: `skip` lines, then a header if there is one, then rows.
 
@@ -447,6 +482,8 @@ class Layout(Entry):
         | None
     ) = None
     """What becomes of rows that are not one sample time apart."""
+    gap: GapField | None = None
+    """Longest step that `resample` fills: times the sample time (2.5), or a duration."""
     join: Switch | None = None
     """Whether files that follow each other in time are one record."""
     filter: ConditionField | None = None

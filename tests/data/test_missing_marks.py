@@ -115,3 +115,10 @@ def test_a_text_that_is_no_mark_is_refused_in_frames(tmp_path: Path) -> None:
     frame = pd.DataFrame({"time": TIMES, "x": [1.0, "fault", 3.0]})
     with pytest.raises(SpecError, match="objects"):
         msnn.simulate(msnn.load(tmp_path / "plant.yaml"), data=frame)
+
+
+@pytest.mark.parametrize(("mark", "code"), [(".inf", "E0210"), (".nan", "E0210"), ("~", "E0212")])
+def test_what_is_no_mark(tmp_path: Path, mark: str, code: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        missing_rows(tmp_path, f"columns: {{x: {{column: x, missing: [-1, {mark}]}}}}", ["1"])
+    assert caught.value.diagnostics[0].code == code

@@ -148,6 +148,7 @@ CASES: dict[str, Case] = {
     "Data.time": Case("time: nonsense\n", ""),
     "Data.csv": Case('csv: {delimiter: ";"}\n'),
     "Data.resample": Case("resample: linear\n"),
+    "Data.gap": Case("resample: linear\ngap: 10\n", "resample: linear\n", gap=True),
     "Data.join": Case("join: true\n"),
     "Data.filter": Case('filter: "x > 0.5"\n'),
     "Data.records": Case("records: row_group\n"),
@@ -177,6 +178,7 @@ CASES: dict[str, Case] = {
     ),
     "Split.k": Case("split: {by: kfold, k: 3}\n", "split: {by: kfold, k: 2}\n"),
     "Split.fold": Case("split: {by: kfold, k: 2, fold: 2}\n", "split: {by: kfold, k: 2}\n"),
+    "gap without resampling": Case("gap: 10\n"),
     # other values that say something
     "resample nearest": Case("resample: nearest\n"),
     "resample none": Case("resample: none\n", gap=True),
