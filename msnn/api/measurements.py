@@ -152,7 +152,8 @@ def validate_every_engine(
     data_root: str | Path | None = None,
     progress: RolloutProgress | None = None,
 ) -> EnginesReport:
-    """The same for every engine, including exports, that is available on this machine.
+    """Evaluates the `validate` section like `validate`, once with every available engine, exports
+    too.
 
     Raises SpecError for errors in the spec or its data.
     """

@@ -146,7 +146,7 @@ LARGEST_FILE = 1 << 30
 
 @dataclass(frozen=True)
 class SubmodelWeights:
-    """Arrays of every sub-model that has `weights:`, and the SHA-256 of the files they come
+    """The trained arrays of sub-models with `weights:`, and the SHA-256 of the files that they come
     from.
     """
 
@@ -256,8 +256,9 @@ def _where(weights: Path) -> str:
 
 
 def _content(path: Path) -> bytes:
-    """The bytes of a regular file. Raises ValueError for a device, a pipe or a file over the
-    limit.
+    """The bytes of a regular file, such as weights.
+
+    Raises ValueError for a device, a pipe or a too large file.
     """
     if not path.exists():
         message = "no such file"

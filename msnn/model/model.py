@@ -65,7 +65,9 @@ class Model:
         return self.program.name
 
     def of(self, kind: type[P]) -> P | None:
-        """The compiled section of this class; None if the spec has no such section."""
+        """The compiled section of the spec, such as `mpc`, by the class of its problem; None if the
+        spec has none.
+        """
         return problem_of_class(self.problems, kind)
 
     def __repr__(self) -> str:

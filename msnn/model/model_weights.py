@@ -19,7 +19,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 @dataclass(frozen=True, slots=True)
 class ChosenWeights:
-    """Physical values by parameter, and their origin."""
+    """The weights that a command uses, and a text about their origin."""
 
     weights: Mapping[str, FloatArray]
     origin: str
@@ -29,15 +29,16 @@ class ChosenWeights:
 
     @property
     def given(self) -> Mapping[str, FloatArray] | Path:
-        """The file if there is one, else the values. A run keeps related files in the same
-        folder.
+        """The weights file if there is one, else the values; a run keeps related files next to its
+        weights file.
         """
         return self.weights if self.file is None else self.file
 
 
 def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
-    """Initial values of random draw `draw`; sub-models with `weights:` keep their trained
-    values.
+    """The initial values of random draw number `draw`, by parameter.
+
+    Sub-models with `weights:` keep their trained values.
     """
     read = model.read
     numbers = {part.path: part.text for part in model.parts if part.is_numbers}

@@ -129,7 +129,8 @@ def _seen_from(folder: Path, path: str | Path) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _EmbeddedSpec:
-    """The spec in a program file, texts of sub-models by path, and digests of their weights.
+    """The spec in a program file, with the texts of sub-models by path and the hashes of their
+    weights.
 
     `settings` are the values that were overridden before compiling.
     """
@@ -165,10 +166,10 @@ def _texts(data: Any) -> dict[str, str]:
 
 
 def require_plugins(versions: Mapping[str, str], file: str) -> None:
-    """Raises MissingPluginError for the first package, by name, that is not installed or fails.
+    """Raises MissingPluginError if a plug-in with which a file was made is not installed or fails
+    to load.
 
-    `versions` are those that the file was made with. Others are accepted: the file says itself
-    whether its format is known.
+    `versions` are those with which the file was made, by package; another version is accepted.
     """
     if not versions:
         return
@@ -180,14 +181,16 @@ def require_plugins(versions: Mapping[str, str], file: str) -> None:
 
 
 def recorded_plugins(record: Mapping[str, Any]) -> dict[str, str]:
-    """The packages of plug-ins in `run.json`, as untrusted input, with their versions."""
+    """The versions of plug-ins, by package, that the content of a `run.json` names; it may be
+    damaged.
+    """
     plugins = record.get("plugins")
     items = cast("dict[str, Any]", plugins).items() if isinstance(plugins, dict) else ()
     return {package: str(version) for package, version in items}
 
 
 def plugins_text(versions: Mapping[str, str]) -> str:
-    """Package and version of each plug-in, and what is installed of it if that is another."""
+    """A text with each plug-in and its version, and the installed version if it is another."""
     if not versions:
         return ""
     plugins = look_up()

@@ -30,7 +30,9 @@ RUNS_SHOWN = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptSpec:
-    """The spec and its parts as a run saved them, with the paths they had when the run began."""
+    """The spec and its files as a run saved them, with the paths that they had when the run
+    began.
+    """
 
     path: Path
     """Path of the spec: the original one if its folder exists here, else the copy in the run."""
@@ -66,7 +68,8 @@ def followed(path: Path) -> Path:
 
 
 def run_of(path: Path) -> Path | None:
-    """The run that a path means: its folder, or the spec in it; None for other files.
+    """The folder of the run that a path means: a run's folder, or the spec in it; None for other
+    files.
 
     Raises SpecError for a folder that is not a run.
     """
@@ -83,7 +86,7 @@ def run_of(path: Path) -> Path | None:
 
 
 def is_kept(file: Path) -> bool:
-    """True if a file belongs to a run and was not added to its folder by a user."""
+    """True if msnn has written this file into the folder of a run."""
     if file.parent.name == PARTS:
         return (file.parent.parent / DESCRIPTION).is_file()
     named = (DESCRIPTION, SPEC, PARAMETERS, METRICS)
@@ -153,7 +156,7 @@ def newest(runs: Path, wanted: Callable[[Path], bool]) -> Path | None:
 
 
 def has_checkpoint(run: Path) -> bool:
-    """True if a run has begun and not ended."""
+    """True if a run was interrupted or is still running: its folder has a checkpoint."""
     return (run / CHECKPOINT).is_file()
 
 

@@ -143,7 +143,7 @@ def _stage(attempts: Mapping[int, list[EpochEnd]], reason: str) -> TrainedStage:
 
 
 def run_text(run: Run) -> str:
-    """Tables of the run's configuration and results, and commands to continue."""
+    """A text about a run: its configuration, results, and commands to continue."""
     parts = [_heading(run)]
     if run.stages:
         parts.append(stages_table([(stage.reached, stage.losses) for stage in run.stages]))
@@ -157,7 +157,7 @@ def run_text(run: Run) -> str:
 
 
 def run_record(run: Run) -> dict[str, Any]:
-    """The same as JSON values."""
+    """The configuration and results of a run as a JSON object."""
     return {
         "folder": str(run.folder),
         "state": run.state,

@@ -27,10 +27,10 @@ def simulation_data(
     data_root: str | Path | None,
     data_set: str | None,
 ) -> Dataset:
-    """The signals that `program` reads, and those that the outputs of the model predict.
+    """Loads the data that `program` reads, and those that outputs of the model predict.
 
-    Data other than the spec's are one set without a split, named `data` or `data_set`; files have
-    the layout of that set. Raises SpecError with all errors in the data.
+    `data` None means the spec's. Other data are one set without a split, named `data` or
+    `data_set`; files have the layout of that set. Raises SpecError with all errors in the data.
     """
     if data is None:
         # the data of the spec, with its sets
@@ -54,7 +54,7 @@ def simulation_data(
 
 
 def given_files(data: GivenData) -> list[Path] | None:
-    """The paths if `data` consists of paths, else None."""
+    """The paths if `data` is a path or a list of paths; None if it is data frames."""
     if isinstance(data, str | Path):
         return [Path(data)]
     if isinstance(data, list | tuple):

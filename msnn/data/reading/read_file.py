@@ -240,7 +240,7 @@ def _marks(file: DataFile, data: Data, found: Sequence[Feed]) -> dict[ColumnKey,
 def _without_marked(
     read: ColumnTable | Streams, marks: Mapping[ColumnKey, set[float | str]]
 ) -> ColumnTable | Streams:
-    """The columns with NaN in place of numbers that mark a missing value."""
+    """The columns with NaN instead of numbers that mark a missing value."""
 
     def measured(key: ColumnKey, values: FloatArray) -> FloatArray:
         numbers = [mark for mark in marks.get(key, ()) if not isinstance(mark, str)]

@@ -80,7 +80,7 @@ def weights_outside_bounds(file: str, parameter: Parameter, found: float) -> Dia
 
 
 def moved_off_bound(names: Sequence[str]) -> Diagnostic:
-    """W0902: values on a bound, from where this optimizer could not move them."""
+    """W0902: initial values on a bound, from which this optimiser could not move them."""
     listed = ", ".join(f"`{name}`" for name in names)
     message = f"moved off their bounds to be trainable: {listed}"
     repair = "train with `levenberg_marquardt`, which begins on a bound, or begin farther inside"

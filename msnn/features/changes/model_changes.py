@@ -31,7 +31,7 @@ _UNJUDGED = ("aic",)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MetricChange:
-    """One metric of both models with equal evaluation; None if one model lacks it."""
+    """The value of one metric in both models; None if one model does not have it."""
 
     of: str
     metric: str
@@ -111,7 +111,7 @@ FailOn = Literal["any", "breaking", "worse", "never"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedNumber:
-    """A scalar that both runs have learned."""
+    """A scalar parameter, with the values that both runs have learned."""
 
     name: str
     unit: str
@@ -121,7 +121,7 @@ class LearnedNumber:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PluginChange:
-    """A plug-in whose version differs; None for a model that does not use it."""
+    """A plug-in whose version differs between the models; None if a model does not use it."""
 
     package: str
     old: str | None
@@ -130,7 +130,7 @@ class PluginChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trained:
-    """A run: its weights and their accuracy; None if data cannot be read."""
+    """The weights of a run and their metrics; no metrics if data cannot be read."""
 
     weights: Mapping[str, FloatArray]
     validation: ValidationReport | None

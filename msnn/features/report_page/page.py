@@ -149,7 +149,7 @@ def _undrawn(contents: Contents, measurements: int) -> Iterator[str]:
 
 
 def _titled(charts: dict[str, Plain], kind: str, found: Any) -> list[tuple[str, str]]:
-    """Stores the charts by key; returns keys and titles for the page."""
+    """Adds charts to `charts` under keys that begin with `kind`; returns keys and titles."""
     titles: list[tuple[str, str]] = []
     for title, chart in found:
         key = f"{kind}-{len(titles)}"
@@ -178,7 +178,7 @@ def _facts(contents: Contents) -> list[tuple[str, str]]:
 
 
 def _cards(contents: Contents) -> list[tuple[str, str, str]]:
-    """The main figures: value, description, verdict."""
+    """The main results at the top of the page: value, description, verdict."""
     cards: list[tuple[str, str, str]] = []
     validation = contents.validation
     if validation is not None:

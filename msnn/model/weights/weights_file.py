@@ -24,7 +24,7 @@ from spec_schema.reading.reader import refuse_endless
 
 
 def initial_weights(program: Program) -> dict[str, FloatArray]:
-    """The initial value of every parameter, in its shape."""
+    """The initial values of all parameters by name, each in its shape."""
     return {
         parameter.name: np.array(parameter.initial, dtype=np.float64).reshape(
             tuple(axis.size for axis in parameter.axes)
@@ -36,9 +36,10 @@ def initial_weights(program: Program) -> dict[str, FloatArray]:
 def write_weights(
     path: Path, weights: Mapping[str, FloatArray], program: Program, *, named_later: bool = False
 ) -> Path:
-    """Writes the arrays with the program's name, spec hash and units as metadata; durably.
+    """Writes weights as a safetensors file, with program name, spec hash and units as metadata.
 
-    `named_later` is that of `write_bytes`, for who trains again what a cut of power took.
+    It is replaced atomically. `named_later` is that of `write_bytes`: the file may be missing after
+    a power failure, for callers that would train again.
     """
     units = {p.name: p.unit.text for p in program.parameters if p.unit is not None}
     metadata = {
@@ -76,7 +77,10 @@ GIVEN = "the given mapping of weights"
 def checked_weights(
     program: Program, arrays: Mapping[str, NDArray[Any]], origin: str
 ) -> dict[str, FloatArray]:
-    """The arrays of all parameters; SpecError with all errors. `origin` names them in messages."""
+    """The arrays as weights in float64, checked: one for each parameter, with its shape and bounds.
+
+    `origin` names them in messages. Raises SpecError with all errors.
+    """
     faults: list[Diagnostic] = []
     known = [parameter.name for parameter in program.parameters]
     unknown = [name for name in arrays if name not in known]
@@ -149,10 +153,11 @@ or the path of a weights file or of the folder of a run."""
 
 
 def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
-    """The array of every parameter of a program, in float64 (rule R12).
+    """Converts weights of any accepted form to an array in float64 for every parameter (rule R12).
 
-    A name that is missing or unknown, a wrong shape and values that are no finite real numbers are
-    errors, raised together as SpecError; TypeError for what is no weights at all.
+    The forms are a path, a mapping of arrays or tensors, and a result of `train`. Missing or
+    unknown names, wrong shapes and values that are not finite real numbers are raised together as
+    SpecError. TypeError for an object of another kind.
     """
     if isinstance(weights, str | Path):
         return read_weights(weights_path(weights), program)
@@ -171,9 +176,9 @@ def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
 
 
 def known_weights(program: Program, weights: Weights | None) -> Mapping[str, FloatArray]:
-    """The weights that are given, by default the initial values.
+    """The given weights, checked; by default the initial values of the spec.
 
-    Raises SpecError where the given ones do not fit, or initial ones are not known (R12).
+    Raises SpecError if they do not fit, or if an initial value is unknown before training (R12).
     """
     if weights is not None:
         return given_weights(program, weights)
