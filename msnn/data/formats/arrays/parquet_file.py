@@ -38,7 +38,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     # for whoever watches this process: arrow opens it in C++
     sys.audit("open", path, "rb", os.O_RDONLY)
     try:
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             # a repeated value takes almost no space in the file, but 8 bytes per row in memory
             refuse_unpacking(path, shown, 8 * file.metadata.num_rows * len(wanted.users))
             names = tuple(str(name) for name in file.schema_arrow.names)
@@ -53,7 +53,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
             )
             return arrays.table(wanted)
     except (OSError, ValueError, arrow.ArrowException) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
 
 
 def _array(file: Any, name: str) -> NDArray[Any]:
