@@ -57,7 +57,16 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
 
 
 def _array(file: Any, name: str) -> NDArray[Any]:
-    return as_array(file.read([name]).column(0))
+    # a group of rows at a time: arrow's own memory for a whole column is as large as the column
+    groups = [
+        as_array(file.read_row_group(group, [name]).column(0))
+        for group in range(file.num_row_groups)
+    ]
+    # numpy's memory, also of a single group: arrow keeps its own for later reads
+    array = np.concatenate(groups) if groups else as_array(file.read([name]).column(0))
+    groups.clear()
+    arrow.default_memory_pool().release_unused()
+    return array
 
 
 def zoned_columns(schema: Any) -> frozenset[str]:

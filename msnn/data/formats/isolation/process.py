@@ -16,6 +16,7 @@ from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import reason_of, unreadable_file
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.errors.plugins import TRACEBACKS
 
 Reader: TypeAlias = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | Streams]
 """(path, its name in messages, requested columns, text layout) → columns; raises SpecError."""
@@ -44,12 +45,13 @@ def _answer(request: ReadRequest) -> object:
     # the limits of the file before: libraries need more than a small file may take
     _limit(None, None)
     read = import_module(request.of).read if isinstance(request.of, str) else request.of
+    TRACEBACKS.clear()
     # after the import: what the reader itself takes is no fault of the file
     _limit(request.memory, request.seconds)
     try:
         return _read(read, request)
     except SpecError as error:
-        return error.diagnostics
+        return (*error.diagnostics, *TRACEBACKS)
 
 
 def _read(read: Reader, request: ReadRequest) -> ColumnTable | Streams:

@@ -12,7 +12,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from threading import Event, Lock, Timer
-from typing import Any
+from typing import Any, cast
 
 from msnn.data.formats.isolation.message import ReadRequest, read_message, write_message
 from msnn.data.formats.isolation.process import Reader
@@ -20,7 +20,8 @@ from msnn.data.formats.plugin_file import PluginReader
 from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file
-from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.errors.plugins import TRACEBACKS
 
 _MEMORY = 500_000_000
 _TIMES_SIZE = 64
@@ -66,10 +67,12 @@ def isolated(of: str | PluginReader) -> Reader:
             memory=_MEMORY + _TIMES_SIZE * size,
             seconds=_SECONDS + size // _PER_SECOND,
         )
-        found = _readers(os.getpid()).answer(request)
+        found: object = _readers(os.getpid()).answer(request)
         if isinstance(found, tuple):
-            raise SpecError(found)
-        return found
+            told = cast("tuple[object, ...]", found)
+            TRACEBACKS.extend(each for each in told if isinstance(each, str))
+            raise SpecError(each for each in told if isinstance(each, Diagnostic))
+        return cast("ColumnTable | Streams", found)
 
     return read
 
