@@ -50,6 +50,10 @@ class WantedColumns:
     """Columns that the file may lack."""
     moments: frozenset[ColumnKey] = frozenset()
     """Time columns, which may contain dates instead of numbers."""
+    missing: Mapping[ColumnKey, frozenset[str]] = field(
+        default_factory=dict[ColumnKey, frozenset[str]]
+    )
+    """Lower-case texts of cells that mean a missing value, besides those of every file."""
     time: TimeSource | None = None
     """The time source of a file with several clocks; None for the file's default."""
 

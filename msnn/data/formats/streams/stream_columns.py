@@ -36,7 +36,8 @@ def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find:
             time, values = found
             # each stream is a table of one column, with the rules of tables
             optional = frozenset({name}) if key in wanted.optional else frozenset[ColumnKey]()
-            table = values.table(WantedColumns({name: user}, optional))
+            marks: dict[ColumnKey, frozenset[str]] = {name: wanted.missing.get(key, frozenset())}
+            table = values.table(WantedColumns({name: user}, optional, missing=marks))
             columns[key] = (time, table.columns[name])
             if name in table.units:
                 units[key] = table.units[name]
