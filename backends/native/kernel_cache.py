@@ -142,7 +142,9 @@ def kernel_folder() -> KernelFolder:
 
 
 def candidates() -> Iterator[Path]:
-    """Folders for kernels, best first: the requested one, the user's cache folder, a temporary one."""
+    """Folders for kernels, best first: the requested one, the user's cache folder, a temporary
+    one.
+    """
     yield from dict.fromkeys((cache_folder(), _folder_of_the_user(), _temporary_folder()))
 
 

@@ -123,7 +123,9 @@ class CurvatureStruct(ctypes.Structure):
 
 
 class OptimizerStruct(ctypes.Structure):
-    """The C struct `optimizer` of templates/native/optimizers.c: method, constants and step counts."""
+    """The C struct `optimizer` of templates/native/optimizers.c: method, constants and step
+    counts.
+    """
 
     _fields_ = (
         ("method", ctypes.c_int32),

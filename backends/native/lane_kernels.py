@@ -216,7 +216,9 @@ class LaneKernelPrinter(LanePrinter):
         return super().operand(expression)
 
     def table(self, table: c.ConstantTable) -> str:
-        """The definition of a constant array of scalars, from which each lane reads its own entry."""
+        """The definition of a constant array of scalars, from which each lane reads its own
+        entry.
+        """
         return KernelPrinter(self.prefix, self.dtype).table(table)
 
 

@@ -81,7 +81,9 @@ class NativeStep:
 
     @property
     def waiting(self) -> int:
-        """The bits of the field `ready` that mark buffers (1) and states (2) without valid values."""
+        """The bits of the field `ready` that mark buffers (1) and states (2) without valid
+        values.
+        """
         return 0 if self._ready is None else self._c.word(self._ready) & 3
 
     def no_longer_waits(self, bits: int) -> None:

@@ -177,7 +177,9 @@ class Variables:
 
     @property
     def counts(self) -> list[tuple[ctypes.Structure, str]]:
-        """The counters that optimiser steps change, each as a C struct and the name of its field."""
+        """The counters that optimiser steps change, each as a C struct and the name of its
+        field.
+        """
         own: list[tuple[ctypes.Structure, str]] = [
             (self.optimizer, name) for name in ("steps", "first_decay", "second_decay")
         ]

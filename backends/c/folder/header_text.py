@@ -134,7 +134,9 @@ _OF_POLICY: dict[InvalidPolicy, StatusBit] = {
 
 
 def step_bits(interface: Interface) -> list[StatusBit]:
-    """The status bits that step, reset and linearize of this model can return, in ascending order."""
+    """The status bits that step, reset and linearize of this model can return, in ascending
+    order.
+    """
     bits = StatusBit(0)
     for port in (*(i.port for i in interface.inputs), *(port for _, port in interface.windows)):
         bits |= _OF_POLICY[port.signal.on_invalid]

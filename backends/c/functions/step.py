@@ -128,7 +128,9 @@ class _StepWriter(FunctionWriter):
         assert not self._empty  # all buffers were pushed, so the bit is cleared after a step
 
     def check_equations(self, program: Program, lowered: GraphLowering) -> None:
-        """Writes checks that report values of equations outside the range `expected` of the spec."""
+        """Writes checks that report values of equations outside the range `expected` of the
+        spec.
+        """
         for entry in program.expected:
             low, high = entry.range
             self.comment(f"expected of {entry.name}: {low:.9g} .. {high:.9g}")

@@ -62,7 +62,9 @@ class MatrixField:
 
 @dataclass(frozen=True, slots=True)
 class FirstPlace:
-    """A C macro whose value is the index of a quantity's first element in a vector of the Jacobian."""
+    """A C macro whose value is the index of a quantity's first element in a vector of the
+    Jacobian.
+    """
 
     name: str
     """Name of the quantity in the spec."""

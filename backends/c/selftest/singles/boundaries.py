@@ -180,7 +180,9 @@ def between(left: Codes, right: Codes) -> Codes:
 
 
 def distance(left: Codes, right: Codes) -> NDArray[np.uint64]:
-    """How many floats lie from one integer of `codes_of` to the other, element-wise: 1 if adjacent."""
+    """How many floats lie from one integer of `codes_of` to the other, element-wise: 1 if
+    adjacent.
+    """
     # the distance of two float64 may exceed int64; the unsigned difference is exact
     return np.maximum(left, right).view(np.uint64) - np.minimum(left, right).view(np.uint64)
 

@@ -67,7 +67,9 @@ class ChangeableGraph:
 
     @property
     def size(self) -> int:
-        """The number of elements that one step computes, with the terms of sums counted separately."""
+        """The number of elements that one step computes, with the terms of sums counted
+        separately.
+        """
         return sum(
             self._graph[index].type.size + sum(self._graph[arg].type.size for arg in node.args)
             if isinstance((node := self._graph[index]).op, ops.Reduction)

@@ -37,7 +37,9 @@ _LARGEST = 8000
 
 @dataclass(frozen=True, slots=True)
 class GoldenSingles:
-    """Golden vectors of independent single steps, each with its own start, states and parameters."""
+    """Golden vectors of independent single steps, each with its own start, states and
+    parameters.
+    """
 
     starts: list[int]
     """Index of the run start that `reset` receives before each step."""

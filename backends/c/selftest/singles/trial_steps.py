@@ -158,7 +158,9 @@ class TrialSteps:
         return sum(graph.size for graph, _ in self._shown)
 
     def members(self) -> Iterator[tuple[State | InputField, slice]]:
-        """The written states and the inputs, each with its positions in a row of `Trials.numbers`."""
+        """The written states and the inputs, each with its positions in a row of
+        `Trials.numbers`.
+        """
         states = {state.name: state for state in self.program.states}
         inputs = {input.field.name: input for input in self.interface.inputs}
         for name in [*self.written_names, *inputs]:
