@@ -1,7 +1,8 @@
 """Proximal steps for priors and penalties, separate from the gradients of the losses.
 
-The terms are priors ŝ²/n · ((p − mean)/std)² of the physical value p, magnitudes λ · |raw| and
-norms of slices λ · √Σ raw². A gradient step of length ηᵢ on the losses ends at r̂; then follows
+The terms are priors ŝ²/n · ((p − mean)/std)² of the physical value p, magnitudes λ · |r| and norms
+of slices λ · √Σ r² of the raw variables r. ŝ² is the estimated variance of the n residuals, λ the
+weight of a penalty. A gradient step of length ηᵢ on the losses ends at r̂; then follows
 
     argmin over r of Σ (rᵢ − r̂ᵢ)²/(2ηᵢ) + the terms at r,
 

@@ -22,7 +22,9 @@ Storage: TypeAlias = Literal["FLOAT32_IEEE", "FLOAT64_IEEE", "SWORD", "SLONG", "
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The scaling of stored values: physical = factor · stored; None stores physical values."""
+    """The scaling of stored values: physical = factor · stored. If `factor` is None, stored values
+    are physical.
+    """
 
     unit: str
     """Empty if the spec has no unit."""

@@ -35,7 +35,7 @@ class CType(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """A variable, parameter or macro."""
+    """A variable, argument or macro, by its name."""
 
     text: str
 

@@ -23,8 +23,9 @@ _OPENED = re.compile(r"/dev/(?:stdout|stderr)|(?:/dev|/proc/self)/fd/(?P<number>
 
 
 def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
-    """Writes text as UTF-8, with line ends as they are in it; returns the path. `durable` as in
-    `write_bytes`. An OSError leaves the previous file.
+    """Writes text as UTF-8, with line ends as they are in it; returns the path. Missing folders are
+    created. A `durable` file is on the disk before this returns. An OSError leaves the previous
+    file.
     """
     return write_bytes(path, text.encode("utf-8"), durable=durable)
 
@@ -108,7 +109,9 @@ def _stream(path: Path) -> BinaryIO:
 
 
 def _require_readable(path: Path) -> None:
-    """Raises OSError early for a file or folder that its owner may not read."""
+    """Raises OSError if the file or folder exists and its owner may not read it, as an unusual
+    umask causes.
+    """
     if path.exists() and not path.stat().st_mode & S_IRUSR:
         reason = "the umask would leave a file that its owner cannot read: set another, as 022"
         raise OSError(errno.EACCES, reason, str(path))
@@ -118,7 +121,8 @@ def _require_readable(path: Path) -> None:
 def replacing_files(folder: Path) -> Generator[Path]:
     """Context manager that gives a temporary folder for several files, which then appear in
     `folder` together. A new folder appears in one step. In an existing folder each file is renamed
-    after all are complete; its other files stay. On an exception nothing changes. Raises OSError.
+    after all are complete; its other files stay. If the block raises, nothing changes. Raises
+    OSError.
     """
     folder = Path(os.path.realpath(folder))
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -152,7 +156,7 @@ def naming(path: Path, temporary: Path | None = None) -> Generator[None]:
 
 
 def part_of(path: Path) -> Path:
-    """The temporary path at which this process writes `path`."""
+    """The path next to `path` at which this process writes the file before it is renamed."""
     return path.with_name(f".{path.name}.{os.getpid()}.part")
 
 
@@ -171,7 +175,7 @@ def sync(path: Path) -> None:
 
 def _appear(temporary: Path, folder: Path) -> None:
     """Moves finished files from a temporary folder to `folder`. Raises OSError before the first
-    move if one cannot be moved.
+    move if a file is not readable or a folder is in its place.
     """
     _require_readable(temporary)
     files = sorted(path for path in temporary.rglob("*") if not path.is_dir())

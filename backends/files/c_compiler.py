@@ -156,7 +156,8 @@ def run_compiler(
     *,
     longest: float = math.inf,
 ) -> Finished:
-    """Runs the command with `source` as its input; temporary files are in `folder`.
+    """Runs the command with `source` as its standard input, and returns its exit code and output.
+    Temporary files are in `folder` (None: that of the system).
 
     The limit is `compiler_limit()` seconds, or `longest` if that is less. The compiler runs in its
     own session, so Ctrl-C reaches only this process, which may want to finish its work. When

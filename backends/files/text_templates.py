@@ -42,5 +42,7 @@ def readme_text(target: str, **facts: str | bool) -> str:
 
 
 def one_line(text: str) -> str:
-    """Text of a spec for a Markdown heading: one line, without code or HTML."""
+    """Text of a spec for a Markdown heading: in one line, with characters of code and HTML
+    replaced.
+    """
     return " ".join(text.split()).replace("`", "'").replace("<", "‹").replace(">", "›")

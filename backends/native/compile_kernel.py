@@ -82,8 +82,8 @@ class KernelBuildError(Exception):
 
 @dataclass(slots=True)
 class Built:
-    """A kernel loaded into this process, with a mark in the cache whether it was once compared with
-    the reference interpreter.
+    """A kernel loaded into this process. A mark in the cache shows that it has agreed with the
+    reference interpreter once.
     """
 
     library: ctypes.CDLL
@@ -98,7 +98,7 @@ class Built:
 
     @property
     def is_checked(self) -> bool:
-        """True if this kernel, now or in an earlier process, was compared with the reference
+        """True if this kernel, now or in an earlier process, agreed with the reference
         interpreter.
         """
         self._checked = self._checked or self._stored.is_checked(self._digest)

@@ -59,10 +59,11 @@ def _source_of_losses(program: Program, dtype: Dtype) -> KernelSource:
 
 class Kernel:
     """A training kernel: a program with closed loops, compiled for this machine. It uses up to
-    `threads` threads, and up to `kept_bytes` bytes each to store a whole rollout for the reverse
-    loop. A `reproducible` kernel gives the same bits on all processors. Without `slopes` it
-    computes losses only, which compiles much faster. With `lbfgs` it contains only that optimiser,
-    otherwise the others. Raises CompilerMissingError and KernelBuildError.
+    `threads` threads. Each stores a whole rollout for the reverse loop in at most `kept_bytes`
+    bytes; of a longer one it recomputes parts. A `reproducible` kernel gives the same bits on
+    processors without fused multiplication and addition. Without `slopes` it computes losses only,
+    which compiles much faster. With `lbfgs` it contains only that optimiser, otherwise the others.
+    Raises CompilerMissingError and KernelBuildError.
     """
 
     def __init__(
@@ -314,7 +315,9 @@ Sums = NDArray[np.uint8]
 
 
 class Ranks(Protocol):
-    """The processes of one training; this process is one of them."""
+    """The processes that share one training. A sum over all of them goes from rank to rank: each
+    receives that of the ranks before it, adds its own, and hands it on.
+    """
 
     @property
     def rank(self) -> int:
@@ -333,7 +336,9 @@ class Ranks(Protocol):
         ...
 
     def hand_on(self, sums: Sums) -> None:
-        """Sends sums to the next rank and replaces them by those of the last rank."""
+        """Sends `sums` to the next rank and then replaces them, in place, by those of the last
+        rank, which are the total.
+        """
         ...
 
 

@@ -17,8 +17,9 @@ FloatArray = NDArray[np.float64]
 
 class KernelData:
     """The data of rollouts as the kernel reads them: series in its memory layout, masks of scored
-    rows. `problem` is the C struct; it points into arrays that this object keeps alive. `missing`
-    is True if the count of scored elements depends on the rows.
+    rows. Arguments are those of `Kernel.data`. `problem` is the C struct; it points into arrays
+    that this object keeps alive. `missing` is True if the count of scored elements depends on the
+    rows.
     """
 
     def __init__(

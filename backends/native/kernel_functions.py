@@ -256,7 +256,7 @@ class ModelFunctions:
     def _adjoints(self, at: str, after: str) -> list[Passed]:
         """The arguments of reverse functions: those of `_common` at the time `at`, adjoints of
         buffers at `at`, adjoints of plain states at `at` and at `after` (the C expression of t+1),
-        and the gradient. Both are empty for the start, which has no earlier adjoints.
+        and the gradient. `at` and `after` are empty for the start, which has no earlier adjoints.
         """
         found = self._common(at)
         for tape in self._memory.buffers.values():

@@ -67,7 +67,7 @@ class Phases:
 
     @property
     def rows(self) -> tuple[NodeId, ...]:
-        """All nodes that are stored in rows."""
+        """The ids of all nodes that are stored in rows."""
         return (*self.ahead, *self.kept, *self.cuts)
 
 
@@ -309,8 +309,8 @@ def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
 @dataclass(frozen=True, slots=True)
 class LateAdjoint:
     """A term of the adjoint of a buffer that is source · taps, a value per step times a parameter.
-    Every sample in the buffer gets such a term from each of the following steps. They are added
-    together when the reverse loop reaches the sample. `addend` is the node of the product.
+    A sample gets such a term from each step at which it is in the buffer. They are added together
+    when the reverse loop reaches the sample. `addend` is the node of the product.
     """
 
     state: str

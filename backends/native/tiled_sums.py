@@ -197,8 +197,8 @@ class TiledSum:
 
 
 def _even(size: int, most: int) -> int:
-    """The length of a tile, at most `most`: that of the fewest tiles of nearly equal length that
-    cover `size`.
+    """Splits `size` results into the fewest tiles of at most `most` results, as equal as possible;
+    returns the length of a tile. The last tile may be shorter.
     """
     # the smallest number of tiles, then the shortest length for this number
     tiles = -(-size // most)

@@ -189,7 +189,9 @@ class Variables:
 
     @property
     def physical(self) -> FloatArray:
-        """Physical values of all parameters, flat, in the order of the program's parameters."""
+        """The current physical values of all parameters, flat, in the order of the program's
+        parameters.
+        """
         return self.arrays["physical"].astype(float)
 
     def weights(self) -> dict[str, FloatArray]:

@@ -274,7 +274,7 @@ NATIVE_FUNCTIONS: frozenset[str] = frozenset(
 
 def scalar_function(code: fx.Graph, name: str, args: Sequence[fx.Node]) -> fx.Node:
     """Adds the call of a scalar function of the language, element by element, to the fx graph
-    `code`; returns its node. KeyError or AttributeError for a function that torch lacks.
+    `code`; returns its node. Raises KeyError or AttributeError for a function that torch lacks.
     """
     if name == "softplus":  # log(exp(x) + exp(0)): exact tails, and derivative 1/2 at 0
         zero = code.call_function(torch.zeros_like, (args[0],))

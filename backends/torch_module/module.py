@@ -270,8 +270,8 @@ class TorchModel(nn.Module):
 
 
 def _rounds(parameter: Parameter) -> bool:
-    """True if the physical value differs from the raw variable, so that it is computed by a map
-    that rounds.
+    """True if the parameter has a scale or bounds, so that its physical value is computed from the
+    raw variable and rounded.
     """
     return parameter.scale != 1.0 or mapping_of(parameter) is not RawMapping.LINEAR
 

@@ -143,7 +143,9 @@ def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
 
 
 def _unused(name: str, names: set[str]) -> str:
-    """The name, with `2`, `3`, … appended if `names` has it already; adds the result to `names`."""
+    """The name, with `_2`, `_3`, … appended if `names` has it already; adds the result to
+    `names`.
+    """
     numbered = (f"{name}_{k}" for k in count(2))
     found = next(each for each in chain([name], numbered) if each not in names)
     names.add(found)

@@ -194,7 +194,9 @@ def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> Ar
 
 
 def _fill(check: _InputCheck, place: ArrayView, scope: BlockScope, unroll: int) -> None:
-    """Writes the corrected values to a place, element by element."""
+    """Writes statements that store the checked input at the place `place`, with invalid elements
+    corrected.
+    """
 
     def correct(at: Indices, inner: BlockScope) -> None:
         if not check.functions.constant_time:

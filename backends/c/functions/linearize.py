@@ -216,7 +216,9 @@ def mark(matrix: Matrix, entry: int) -> str:
 
 
 def entries_comment(matrix: Matrix, block: MatrixBlock, type: Type) -> str:
-    """The comment of the entries that a block writes: `d speed / d torque [m/s/N/m]`."""
+    """The C comment on the entries of a matrix that one node, of this type, computes: `d speed / d
+    torque [m/s/N/m]`.
+    """
     places = block.places(type.shape).ravel()
     row, first = divmod(int(places[0]), matrix.columns.size)
     last = int(places[-1]) % matrix.columns.size

@@ -105,7 +105,7 @@ def _restart_in_constant_time(
     writer: FunctionWriter, check: StateCheck, memory: PlainState, restart: c.Statement
 ) -> None:
     """Writes the check of `_restart` without branches: the statement `restart` runs in every step,
-    then the old or the initial value is selected for each element.
+    then the next or the initial value is selected for each element.
     """
     scope, functions, values = writer.scope, writer.model.functions, memory.samples
     left = c.Name(scope.fresh(f"{memory.identifier}_left"))

@@ -110,7 +110,7 @@ class InterpretedStep:
         return int(bits | first_state_bits(self._interface, self._states))
 
     def step(self) -> int:
-        """Runs a step from `inputs` to `outputs`; returns status bits."""
+        """Runs one step: reads the memory `inputs`, writes `outputs`, and returns status bits."""
         bits = StatusBit(0)
         for input in self._interface.inputs:
             name, signal = input.field.name, input.port.signal

@@ -158,7 +158,9 @@ class CStep:
         self._state[0][field] = value
 
     def selftest(self) -> int:
-        """Bits of the self-test; 0 means success."""
+        """Runs the self-test; returns the bits of its failed checks (`SelfTestBit`), 0 for
+        success.
+        """
         return int(self._function("selftest", ctypes.c_uint32)())
 
     def _own_parameters(self, weights: Mapping[str, ArrayLike] | None) -> Array:
@@ -173,7 +175,9 @@ class CStep:
 
     @property
     def instance(self) -> tuple[int, ...]:
-        """The addresses of state and parameters, the first arguments of every function."""
+        """The addresses of state and parameters (if the code takes them), the first arguments of
+        every function.
+        """
         state = self._state.ctypes.data
         return (state,) if self._parameters is None else (state, self._parameters.ctypes.data)
 

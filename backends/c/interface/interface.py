@@ -113,8 +113,8 @@ class Interface:
 
     @property
     def calibration_section(self) -> str:
-        """Name of the section; linker scripts that list `.data.*` include it, others can place
-        it.
+        """The name of the linker section of that variable. Linker scripts that list `.data.*`
+        include it, others can place it.
         """
         return f".data.{self.prefix}_calibration"
 

@@ -19,7 +19,9 @@ from compiler.ir.program import Declared, Program, State
 
 
 class StatusBit(IntFlag):
-    """Status bits of step, reset and linearize; 0 means that no check failed."""
+    """Status bits of step, reset and linearize, explained in MEANING; 0 means that no check
+    failed.
+    """
 
     # deployed code relies on these values: new bits may be added, none may change
     OUT_OF_RANGE = 1
@@ -34,7 +36,7 @@ class StatusBit(IntFlag):
 
 
 class SelfTestBit(IntFlag):
-    """Status bits of the self-test; 0 means that it passed."""
+    """Status bits of the self-test, explained in MEANING; 0 means that it passed."""
 
     STEP_DIFFERS = 256
     KERNEL_DIFFERS = 512

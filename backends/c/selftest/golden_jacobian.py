@@ -113,8 +113,8 @@ microcontrollers."""
 
 
 def _distance(jacobian: JacobianInterface, steps: int) -> int:
-    """The n of "every n-th golden step has its entries compared by value". It is 1 unless the
-    tables would have more than `_MOST_NUMBERS` elements.
+    """The entries of every n-th golden step are compared by value; returns n. It is 1 unless the
+    tables of all steps would have more than `_MOST_NUMBERS` elements.
     """
     computed = sum(field.matrix.known.count(None) for field in jacobian.fields)
     return max(1, -(-computed * steps // _MOST_NUMBERS))

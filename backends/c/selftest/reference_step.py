@@ -21,7 +21,9 @@ Array = NDArray[Any]
 
 
 def emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:
-    """The states after `init`, by name: those that need recorded samples are replaced by 0."""
+    """The states after `init`, by name: a copy of `states` in which those that need recorded
+    samples are 0.
+    """
     return {
         name: np.zeros_like(value) if name in interface.from_record else value
         for name, value in states.items()
@@ -191,7 +193,7 @@ def restarted(
     interface: Interface, states: Mapping[str, Array], first: Mapping[str, Array]
 ) -> dict[str, Array]:
     """Initial values, by name, of the states with `on_range: reset` that are out of range in
-    `states`. `first` has the initial values of all states with that key.
+    `states`. `first` has the initial values of all states with `on_range: reset`.
     """
     found: dict[str, Array] = {}
     for check in interface.checks:

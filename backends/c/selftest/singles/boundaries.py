@@ -37,8 +37,8 @@ _ENOUGH = 4
 
 @dataclass(frozen=True, slots=True)
 class Boundaries:
-    """Single steps close to a change of a decision (a comparison with two possible outcomes).
-    `below` and `above` are pairs.
+    """Single steps close to a change of a decision: of the sign of a difference, or of an entry of
+    the Jacobian to infinity. `below` and `above` are pairs of steps.
     """
 
     found: list[Trials]
@@ -57,9 +57,10 @@ def boundaries(
     random: np.random.Generator,
 ) -> Boundaries:
     """Searches steps near and at the change of each decision, by bisection between two steps with
-    different outcomes and the same start. `outcomes` gives (B, decisions): -1, 0, 1 for left side
-    less, equal, greater. `drawn` are random steps from which segments are chosen. Bisection moves
-    all elements together, by numbers of adjacent floats in proportion to their distance.
+    different outcomes and the same start. `outcomes` gives (B, decisions): -1, 0, 1 if the left
+    side is less, equal, greater, and `UNORDERED` for NaN. The ends of segments are chosen from
+    `drawn`, random steps. Bisection moves all elements together, by numbers of adjacent floats in
+    proportion to their distance.
     """
     left, right, decision = _segments(outcomes(drawn), drawn, random)
     rows = np.arange(len(decision))

@@ -38,7 +38,7 @@ class Trials:
     """Values of written states, inputs and parameters, (B, size)."""
 
     def of(self, rows: Array) -> Trials:
-        """The steps with these indices."""
+        """The steps with these indices, or those at which a mask is True."""
         return Trials(self.starts[rows], self.numbers[rows])
 
     def __len__(self) -> int:
@@ -185,11 +185,13 @@ class TrialSteps:
         return low, high
 
     def inputs(self, trials: Trials) -> dict[str, Array]:
-        """Inputs by name, (B, *shape)."""
+        """The inputs of the trials by name, (B, *shape)."""
         return {i.field.name: self._part(trials, i.field.name) for i in self.interface.inputs}
 
     def written(self, trials: Trials) -> dict[str, Array]:
-        """The states that the test program writes, by name, (B, *shape)."""
+        """The states of the trials that the test program writes before the step, by name, (B,
+        *shape).
+        """
         return {name: self._part(trials, name) for name in self.written_names}
 
     def begun(self, trials: Trials) -> dict[str, Array]:
