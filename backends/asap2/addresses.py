@@ -36,8 +36,8 @@ class _Token:
 
 
 def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
-    """The text of an ASAP2 file with the byte order, and with addresses and symbol names of those
-    objects for which `find` gives a symbol. All other text stays.
+    """The text of an ASAP2 file with addresses and symbol names of those objects for which `find`
+    gives a symbol, and with the byte order of the processor (`big_endian`). All other text stays.
     """
     changes: list[tuple[_Token, str]] = []
     tokens = list(_tokens(text))

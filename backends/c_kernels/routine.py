@@ -1,8 +1,8 @@
-"""Lowers a traced routine to a C function; values with several uses get a name.
+"""Translates one math kernel, recorded as a routine, to a C function.
 
-A value with one use is written at its use. The text satisfies strict warnings and MISRA checkers:
-one declaration and one statement per line, no nested ?:, no implicit conversions, casts of plain
-variables only, unsigned literals with U, complete else branches, one exit.
+A value with one use is written at its use; others are named. The text satisfies strict warnings and
+MISRA checkers: one declaration and one statement per line, no nested ?:, no implicit conversions,
+casts of plain variables only, unsigned literals with U, complete else branches, one exit.
 """
 
 from __future__ import annotations

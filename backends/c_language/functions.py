@@ -305,8 +305,8 @@ def scalar_operation(
     functions: FunctionTable,
     kind: Kind = "real",
 ) -> c.Expression:
-    """The C expression of one element of an operation's result, from one element of each operand.
-    `kind` (real or bool) is the type of the result of a selection.
+    """The C expression of one element of the result of the operation `op`, from one element of each
+    operand. `kind` (real or bool) is the type of the result of a selection.
     """
     match op:
         case ops.Add():

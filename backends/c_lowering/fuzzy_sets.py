@@ -88,8 +88,8 @@ def active_memberships(
 ) -> ActiveMemberships:
     """Writes C that searches the active fuzzy sets of `value` and computes their degrees of
     membership, with the same rounding as the general formula. `points` is the place of the centres
-    (triangular) or bounds (rectangular), `numbers` their values if known at compile time, else
-    None. `node` is that of all degrees, for comments and names.
+    of triangular or the bounds of rectangular sets (`shape`). `numbers` are their values if known
+    at compile time, else None. `node` is that of all degrees, for comments and names.
     """
     locals.notes.write(node, scope)
     writer = _Writer(node, value, points, numbers, locals, scope)

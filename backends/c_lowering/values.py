@@ -1,4 +1,4 @@
-"""Represents values on their way into C: places, recipes, and local variables that store them."""
+"""Represents values of nodes in C: places in memory, expressions at their use, local variables."""
 
 from __future__ import annotations
 

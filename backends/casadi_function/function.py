@@ -63,9 +63,12 @@ def build_initial_state(
     program: Program, name: str = "initial_state", *, form: Form = "mx"
 ) -> casadi.Function:
     """The states before the first step as a CasADi function called `name`. Its arguments are
-    windows of recorded samples around the first step, then parameters. A window has the samples
-    t0+first … t0+last of one signal; the metadata describes it. Ports and forms are as in
-    `build_function`.
+    windows of recorded samples around the first step, then parameters; `casadi_names` gives their
+    names.
+
+    A window has the samples t0+first … t0+last of one signal; the metadata describes it. A port is
+    a column of its elements in C order. The form `mx` keeps matrix expressions; `sx` has scalar
+    expressions, for small models only. Raises ValueError for a program in window form.
     """
     program = _prepared(program)
     interface = step_interface(program)

@@ -61,8 +61,8 @@ def find_compiler() -> tuple[str, ...]:
 
 
 def words_of(command: str, *, on_windows: bool) -> list[str]:
-    """The words of a command as a shell splits them; on Windows a backslash is part of a path.
-    Raises ValueError for an open quotation mark.
+    """The words of a command as a shell splits them; with `on_windows` a backslash is part of a
+    path. Raises ValueError for an open quotation mark.
     """
     words = shlex.split(command, posix=not on_windows)
     return [word.strip('"') for word in words] if on_windows else words

@@ -1,4 +1,4 @@
-"""Writes arrays and text as a safetensors file, deterministically."""
+"""Writes arrays and text as a safetensors file; the same content gives the same bytes."""
 
 from __future__ import annotations
 

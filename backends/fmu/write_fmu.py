@@ -47,9 +47,10 @@ def write_fmu(
     returns their paths.
 
     `program` is in step form; `weights` are physical arrays by name, and a missing one is the
-    initial value. `platforms` are FMI 3.0 names of systems for which zig compiles. Contents and
-    errors are those of `write_units`. Raises ValueError for a program in window form or weights of
-    a wrong shape.
+    initial value. The units contain a binary for this machine if it has a compiler, and for
+    `platforms`, FMI 3.0 names of systems, for which zig must be installed. Raises ValueError for a
+    program in window form or weights of a wrong shape, CompilerFailedError for a compiler that
+    rejects the sources, and OSError.
     """
     interface = c_interface(program, options)
     physical = physical_weights(program, weights)

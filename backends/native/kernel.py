@@ -195,10 +195,10 @@ class Kernel:
         gradient: bool = True,
         ranks: Ranks | None = None,
     ) -> Losses:
-        """The losses of the rollouts in `groups`, and if requested the gradient of Σ weight·loss.
-        `physical` are the physical parameters, flat; `weights` has one number per loss. With
-        `ranks`, each process computes a part and all get the total, with the same bits as in a
-        single process. Raises the exceptions of `ranks`.
+        """The losses of the rollouts in `groups` on `data`, and if requested the gradient of Σ
+        weight·loss. `physical` are the physical parameters, flat; `weights` has one number per
+        loss. With `ranks`, each process computes a part and all get the total, with the same bits
+        as in a single process. Raises the exceptions of `ranks`.
         """
         count = len(self.source.losses)
         sums, counts = np.zeros(count), np.zeros(count)

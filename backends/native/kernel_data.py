@@ -16,10 +16,10 @@ FloatArray = NDArray[np.float64]
 
 
 class KernelData:
-    """The data of rollouts as the kernel reads them: series in its memory layout, masks of scored
-    rows. Arguments are those of `Kernel.data`. `problem` is the C struct; it points into arrays
-    that this object keeps alive. `missing` is True if the count of scored elements depends on the
-    rows.
+    """The data of rollouts as the kernel reads them. `series` are (rows, *shape) by name of signal.
+    The first `skip` steps of a rollout do not count in losses. `scored` are masks (rows,) by name
+    of loss; None means that all rows count. `problem` is the C struct; it points into arrays that
+    this object keeps alive. `missing` is True if the count of scored elements depends on the rows.
     """
 
     def __init__(
@@ -242,9 +242,9 @@ def lane_groups(
 
 
 def _equal_groups(type: np.dtype[Any], starts: Rows, steps: int) -> tuple[Groups, Rows]:
-    """The groups of one batch of rollouts of equal length, in their order.
-
-    Rollouts may be as many as the rows of the data, so no other array is made.
+    """The lane groups of one batch of rollouts that begin at the rows `starts` and all have `steps`
+    steps, in their order, and the bounds [0, number of groups]. There may be as many rollouts as
+    rows of the data, so no other array is made.
     """
     lanes = type["start"].shape[0]
     groups = np.zeros(-(-len(starts) // lanes), type)

@@ -254,9 +254,10 @@ class ModelFunctions:
         return found
 
     def _adjoints(self, at: str, after: str) -> list[Passed]:
-        """The arguments of reverse functions: those of `_common` at the time `at`, adjoints of
-        buffers at `at`, adjoints of plain states at `at` and at `after` (the C expression of t+1),
-        and the gradient. `at` and `after` are empty for the start, which has no earlier adjoints.
+        """The arguments of reverse functions: all arguments of forward functions at the time `at`,
+        the adjoints of buffers and plain states at `at`, and the gradient. Also the adjoints of
+        plain states at `after`, the C expression of t+1. `at` and `after` are empty for the start,
+        which has no earlier adjoints.
         """
         found = self._common(at)
         for tape in self._memory.buffers.values():

@@ -74,8 +74,8 @@ class LaneWriter:
                 assert_never(op)
 
     def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
-        """Writes the newest sample of a buffer to its row after the others, unless it was computed
-        there. Returns the place of the window with it.
+        """Writes the newest sample of the buffer of `op` to its row after the others, unless it was
+        computed there. Returns the place of the window with it.
         """
         tape = self.memory.buffers[op.state]
         count = tape.last + 1

@@ -144,8 +144,9 @@ class LaneMemory:
 
     @cached_property
     def late_adjoints(self) -> dict[LateAdjoint, LaneTape]:
-        """The array of the source of each late adjoint, latest time first. At t, row n is the
-        newest; n is the length of the buffer.
+        """For each late adjoint the array over time of its source. The reverse loop runs back in
+        time, so the latest time is first. At t the step writes row n, where n is the length of the
+        buffer.
         """
         reverse = self.step.reverse_step.graph
         return {

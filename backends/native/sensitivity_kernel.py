@@ -152,8 +152,8 @@ class SensitivityKernel(LaneLibrary):
         self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray
     ) -> dict[str, Products]:
         """By name of loss: products of its residuals r and their Jacobian J (JᵀJ, Jᵀr, rᵀr), summed
-        over rollouts of `steps[i]` steps from rows `starts[i]`. `physical` are the physical
-        parameters, flat.
+        over rollouts of `steps[i]` steps from rows `starts[i]` of `data`. `physical` are the
+        physical parameters, flat.
         """
         groups, _ = lane_groups(self._groups, starts, steps, [len(starts)])
         summed = self._summed(data, groups, physical, apart=False)
@@ -173,9 +173,11 @@ class SensitivityKernel(LaneLibrary):
     def products_of_runs(
         self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray, own: int
     ) -> dict[str, ProductsOfRuns]:
-        """By name of loss: products as in `products`, and separately those of each rollout, in the
-        given order. The last `own` columns of J are parameters that each rollout has for itself,
-        such as initial states; their blocks are not summed over rollouts.
+        """By name of loss: products of its residuals and their Jacobian J, separately for each
+        rollout and in the given order. Rollout i has `steps[i]` steps from row `starts[i]` of
+        `data`; `physical` are the physical parameters, flat. The last `own` columns of J are
+        unknowns of each rollout itself, such as initial states. Blocks of the other columns, the
+        shared parameters, are summed.
         """
         # the groups first contain rollout indices, to restore the order afterwards
         groups, _ = lane_groups(self._groups, np.arange(len(starts)), steps, [len(starts)])

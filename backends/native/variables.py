@@ -1,4 +1,6 @@
-"""Optimiser variables of a kernel, and the choice of optimiser."""
+"""The variables of the optimisers that run inside a training kernel, and the choice of the
+optimiser.
+"""
 
 from __future__ import annotations
 
@@ -161,8 +163,8 @@ class Variables:
         self.arrays["rate"][:] = factor * self._rates
 
     def set_spread(self, spread: float) -> None:
-        """Sets the weight of priors, ŝ²/n: estimated variance of the residuals divided by their
-        number. Does nothing without priors and penalties.
+        """Sets the weight of priors to `spread`, ŝ²/n: estimated variance of the residuals divided
+        by their number. Does nothing without priors and penalties.
         """
         if self.known is not None:
             self.known.struct.spread = spread

@@ -201,8 +201,8 @@ class Draft:
 
 
 def _doc(doc: str, unit: Unit | None, lag: int = 0) -> str:
-    """The documentation of a value with its unit and delay: `Force on the mass [N], 2 samples
-    late`.
+    """The documentation of a value with its unit, and its delay of `lag` samples: `Force on the
+    mass [N], 2 samples late`.
     """
     text = f"{doc} [{unit.text}]".strip() if unit else doc
     return f"{text}, {lag} samples late" if lag else text

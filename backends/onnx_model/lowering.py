@@ -219,13 +219,17 @@ class OnnxNodes:
         self._doc = doc
 
     def add(self, operator: str, inputs: Sequence[str], **attributes: Any) -> str:
-        """Adds a node with one result and a new name; returns the name of the result."""
+        """Adds a node with this ONNX operator, whose result gets a new name; returns the name.
+        `inputs` are names of values.
+        """
         result = c_identifier(self._label, self.taken)
         self.add_as(result, operator, inputs, **attributes)
         return result
 
     def add_as(self, result: str, operator: str, inputs: Sequence[str], **attributes: Any) -> None:
-        """Adds a node whose result is called `result`, a name that is already in `taken`."""
+        """Adds a node with this ONNX operator, whose result is called `result`, a name that is
+        already in `taken`. `inputs` are names of values.
+        """
         node = helper.make_node(operator, inputs, [result], name=result, **attributes)
         node.doc_string = self._doc
         self.nodes.append(node)

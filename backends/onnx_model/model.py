@@ -44,9 +44,12 @@ def build_rollout(
     program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
 ) -> onnx.ModelProto:
     """An ONNX model of many steps as one `Scan`: (initial states, series of inputs) → (final
-    states, series of outputs). A series has the axis `steps` first, then those of the port. A
-    program without inputs gets the input `steps`, a vector whose length is the number of steps.
-    Arguments and errors are those of `build_model`.
+    states, series of outputs).
+
+    A series has the axis `steps` first, then those of the port. A program without inputs gets the
+    input `steps`, a vector whose length is the number of steps. `weights` are physical arrays by
+    name; a missing one, or None, means initial values. Raises ValueError for a program in window
+    form, a dtype other than float32 and float64 or a weight of a wrong shape.
     """
     draft = Draft.of(program, weights, dtype)
     names, nodes = draft.names, draft.nodes()
@@ -84,9 +87,12 @@ def build_initial_state(
     program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
 ) -> onnx.ModelProto:
     """An ONNX model of the states before the first step, from windows of recorded samples around
-    it. A window has the samples t0+first … t0+last that its documentation and the metadata give.
-    Arguments and errors are those of `build_model`. Raises ValueError also for a program without
-    states, since a model without results cannot be loaded.
+    it.
+
+    A window has the samples t0+first … t0+last that its documentation and the metadata give.
+    `weights` are physical arrays by name; a missing one, or None, means initial values. Raises
+    ValueError for a program in window form, a dtype other than float32 and float64 or a weight of a
+    wrong shape. Also for a program without states, as a model without results cannot be loaded.
     """
     if not program.states:
         message = f"`{program.name}` has no states, so nothing gives their first values"

@@ -311,8 +311,8 @@ def _expanded(code: fx.Graph, value: fx.Node, shape: tuple[int, ...], batch: int
 
 
 def expand_static(code: fx.Graph, value: fx.Node, type: Type, batched: fx.Node) -> fx.Node:
-    """A tensor of this type without batch axis, repeated to the batch size of the tensor
-    `batched`.
+    """Adds the repetition of a tensor of this type without batch axis, to the batch size of the
+    tensor `batched`, to the fx graph `code`.
     """
     batch = code.call_method("size", (batched, 0))
     return code.call_method("expand", (value, batch, *type.shape))

@@ -1,4 +1,4 @@
-"""Writes the folder of generated C that builds by itself: the text of every file."""
+"""Makes the texts of all files of a folder with generated C, which builds by itself."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 
 def library_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """All sources that an export compiles, path in the folder → text: the files of `model_texts`
-    and the self-test.
+    """All sources that an export compiles, path in the folder → text: header, sources, JSON
+    description, FFI and self-test. `weights` are physical arrays by name.
     """
     files, kernels = _model_texts(program, interface, weights)
     files[f"src/{interface.prefix}_selftest.c"] = selftest_text(
@@ -69,7 +69,7 @@ def library_texts(program: Program, interface: Interface, weights: Weights) -> d
 
 def model_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
     """The files that a calling program needs, path in the folder → text: header, sources, JSON
-    description, and the Python and C files of the FFI.
+    description, and the Python and C files of the FFI. `weights` are physical arrays by name.
     """
     return _model_texts(program, interface, weights)[0]
 

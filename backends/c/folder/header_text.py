@@ -98,8 +98,8 @@ def _text(text: str) -> dict[str, object]:
 
 
 def defined(macro: str, bit: int, meaning: str) -> dict[str, str]:
-    """Values for the template of the header: the `comment` with the meaning of a status bit, and
-    the line `#define` with its value.
+    """Values for the template of the header: a `comment` with the meaning of a status bit, and the
+    line `#define` of its macro with its value.
     """
     return {"comment": comment(meaning), "definition": f"#define {macro} {int(bit)}U"}
 

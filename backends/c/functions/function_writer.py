@@ -1,4 +1,6 @@
-"""Base of all functions of a controller: its block, its names, and the places of values."""
+"""Base class of the writers of C functions: statements, names of variables, and C places of the
+values that a graph reads.
+"""
 
 from __future__ import annotations
 

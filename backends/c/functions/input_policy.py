@@ -178,8 +178,8 @@ class _InputCheck:
 
 
 def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> ArrayView:
-    """Writes the corrected values of an input to a new local variable called `name`; returns its
-    place.
+    """Writes the values of the input of `check`, with invalid elements corrected, to a new local
+    variable called `name`; returns its place.
     """
     shape = check.given.shape
     if not shape:
@@ -194,8 +194,8 @@ def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> Ar
 
 
 def _fill(check: _InputCheck, place: ArrayView, scope: BlockScope, unroll: int) -> None:
-    """Writes statements that store the checked input at the place `place`, with invalid elements
-    corrected.
+    """Writes the values of the input of `check`, with invalid elements corrected, to the place
+    `place`.
     """
 
     def correct(at: Indices, inner: BlockScope) -> None:

@@ -57,8 +57,8 @@ def linearize_function(model: ControllerCode, interface: JacobianInterface) -> F
 
 
 def _entries(field: MatrixField, block: MatrixBlock, graph: Graph) -> ArrayView:
-    """The place in the struct of the entries that one node computes, as a view with the node's
-    shape.
+    """The place in the struct of those entries of a matrix that the node of `block` computes, as a
+    view with the node's shape.
     """
     shape = graph[block.node].type.shape
     return ArrayView(field.place.storage, shape, block.strides, Index(block.offset))

@@ -1,4 +1,6 @@
-"""Tests if values are within a range, and reports states that are NaN or out of range."""
+"""Writes checks that values are within a range, and that report states which are NaN or out of
+range.
+"""
 
 from __future__ import annotations
 

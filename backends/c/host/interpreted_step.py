@@ -1,4 +1,4 @@
-"""Steps a program in the interpreter like its C code: input policies and unset states."""
+"""Runs a program in the interpreter with the input policies and status bits of its C code."""
 
 from __future__ import annotations
 

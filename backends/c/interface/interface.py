@@ -294,9 +294,9 @@ def supplied_comment(state: State) -> str:
 def output_comment(
     output: Output, type: Type, limits: tuple[float, float] | None, late: int
 ) -> str:
-    """The header's comment on an output: unit, axes, range, the signal and sample that it predicts,
-    documentation and place in the spec. Outputs are `late` samples older than the inputs of their
-    step.
+    """The header's comment on an output: unit, axes, range (`limits`), the signal and sample that
+    it predicts, documentation and place in the spec. Outputs are `late` samples older than the
+    inputs of their step.
     """
     means = ""
     if output.predicts is not None:

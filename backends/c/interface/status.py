@@ -115,8 +115,9 @@ def state_checks(
     dtype: Dtype,
 ) -> tuple[StateCheck, ...]:
     """The checks of all declared states, and of other states that could keep a NaN for ever because
-    they depend on themselves. `in_place` has the states, by name, that C stores as buffers. Other
-    buffers are unchecked: they drop a NaN together with its sample.
+    they depend on themselves. `memories` are the states in C, and `in_place` has those that C
+    stores as buffers, by name. Other buffers are unchecked: they drop a NaN together with its
+    sample.
     """
     found: list[StateCheck] = []
     for memory in memories:

@@ -192,8 +192,8 @@ def _within(
 
 
 def outside(limits: tuple[float, float], where: Outside) -> float:
-    """A value outside the finite `limits` (low, high) on this side, or NaN. The far ones are as far
-    from a limit as the range is wide.
+    """A value on the side `where` of the finite `limits` (low, high), or NaN. The far ones are as
+    far from a limit as the range is wide.
     """
     low, high = limits
     match where:

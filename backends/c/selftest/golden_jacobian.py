@@ -1,4 +1,6 @@
-"""Writes golden Jacobians, and the vectors of states and outputs, as C that compares them."""
+"""Writes C that compares the Jacobian, and vectors of states, inputs and outputs, with golden
+values.
+"""
 
 from __future__ import annotations
 

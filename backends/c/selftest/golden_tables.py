@@ -1,4 +1,6 @@
-"""Writes golden steps as C functions that hold tables, run the step and compare its results."""
+"""Writes C functions with tables of golden values: they load arguments of a step and compare
+results.
+"""
 
 from __future__ import annotations
 
@@ -75,8 +77,9 @@ class GoldenTables:
     def _loader(
         self, name: str, struct: c.Argument, columns: Sequence[Column], row_name: str
     ) -> c.Function:
-        """The C function `<prefix>_load_<name>` that copies one row of its table into a struct.
-        `struct` is type and name of the struct argument, `row_name` the name of the row argument.
+        """The C function `<prefix>_load_<name>` that copies one row of a table of these columns
+        into a struct. `struct` is type and name of the struct argument, `row_name` the name of the
+        row argument.
         """
         scope = BlockScope(LocalNames(self.prefix))
         if columns:

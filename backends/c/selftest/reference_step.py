@@ -1,4 +1,6 @@
-"""Computes in NumPy what generated C does beside its graphs: policies, checks, first states."""
+"""Computes in NumPy the parts of generated C that are in no graph: policies, checks, first
+states.
+"""
 
 from __future__ import annotations
 
@@ -118,7 +120,9 @@ def invalid_samples(signal: Signal, series: Array, dtype: Dtype) -> NDArray[np.b
 
 
 def _judged(signal: Signal, values: Array, dtype: Dtype) -> tuple[Any, Any, NDArray[np.bool_]]:
-    """The lower and upper limit of valid values, and the mask of the elements within them."""
+    """The lower and upper limit of valid values of a signal, and the mask of the elements of
+    `values` within them.
+    """
     low, high = (np.dtype(dtype).type(limit) for limit in limits(signal, dtype))
     # false for NaN
     return low, high, (values >= low) & (values <= high)

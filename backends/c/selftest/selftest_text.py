@@ -1,4 +1,4 @@
-"""Writes the self-test for the target, and the test program for the host."""
+"""Writes the self-test, which runs on the microcontroller, and the test program for the PC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Finds steps at a decision and on both sides of it: by bisection and by descent."""
+"""Finds steps at which a comparison changes its sign, and on both sides: by bisection and by
+descent.
+"""
 
 from __future__ import annotations
 
@@ -107,7 +109,8 @@ def _equal(
     random: np.random.Generator,
 ) -> Trials:
     """Searches steps near `ends` at which both sides of a decision are equal. `decision` is the
-    index of the decision for each end; `outcomes` as in `boundaries`.
+    index of the decision for each end; `outcomes` gives the decisions of steps (B, decisions), 0 if
+    both sides are equal.
     """
     found, counts = [ends.of(np.zeros(0, np.int64))], np.zeros(decision.max() + 1, np.int64)
     codes = codes_of(ends.numbers)

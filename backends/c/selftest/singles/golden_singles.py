@@ -63,9 +63,9 @@ def golden_singles(
     starts: Sequence[GoldenStart],
     seed: int,
 ) -> GoldenSingles | None:
-    """Searches steps that detect errors of C which plain golden steps miss. `starts` are those of
-    golden runs, from which the steps begin. None if there are no such steps, and for a large
-    program, which only golden runs test.
+    """Searches steps that detect errors of C which random golden steps miss. `starts` are those of
+    golden runs, from which the steps begin; `weights` are physical arrays by name. None if there
+    are no such steps, and for a large program, which only golden runs test.
     """
     steps = TrialSteps(program, interface, weights, starts)
     if steps.computed > _LARGEST:
@@ -151,8 +151,8 @@ def telling_steps(
 ) -> tuple[list[Trials], list[Trials]]:
     """The chosen steps: those at which a single Jacobian entry is infinite, and all others. The
     others lie next to limits, on both sides of decisions, or detect a changed operand that few
-    plain steps and no earlier chosen step detect. Each list has at most `_MOST` elements, which are
-    single steps.
+    random steps and no earlier chosen step detect. Each list has at most `_MOST` elements, which
+    are single steps.
     """
     random = np.random.Generator(np.random.Philox(seed))
     drawn = drawn_trials(steps, random)
@@ -226,9 +226,10 @@ def _choose(
 def _both_sides(
     beside: Boundaries, outcomes: Callable[[Trials], Outcomes], steps: TrialSteps
 ) -> list[Trials]:
-    """Pairs of close steps, one below and one above the change of a decision; together they cover
-    all decisions that change. They have trained parameters and finite results. They also test
-    decisions that C makes differently, such as the interval of a table.
+    """Pairs of close steps from `beside`, one below and one above the change of a decision;
+    together they cover all decisions that change. `outcomes` gives the decisions of steps (B,
+    decisions). The pairs have trained parameters and finite results. They also test decisions that
+    C makes differently, such as the interval of a table.
     """
     if not len(beside.below):
         return []
@@ -244,8 +245,9 @@ def _both_sides(
 
 
 def _at_limits(trials: Trials, decisions: Decisions, steps: TrialSteps) -> list[Trials]:
-    """For each limit of a checked element, the closest step on each side, if closer than `_LIMIT`.
-    All other elements are in range, because one status bit covers all elements.
+    """For each limit of a checked element, those of the steps `trials` that are closest on each
+    side, if closer than `_LIMIT`. All other elements are in range, because one status bit covers
+    all elements.
     """
     rows: dict[int, None] = {}
     for beyond, only in decisions.reports(steps.run(trials), len(trials)):
@@ -257,8 +259,8 @@ def _at_limits(trials: Trials, decisions: Decisions, steps: TrialSteps) -> list[
 
 
 def _cover(seen: NDArray[np.bool_]) -> list[int]:
-    """Indices of a small set of rows, chosen greedily: each column that is True in some row is True
-    in one of these.
+    """Indices of a small set of rows of a mask, chosen greedily: each column that is True in some
+    row is True in one of these.
     """
     rows: list[int] = []
     open = seen.copy()

@@ -61,8 +61,9 @@ class _Approach:
         self._largest = np.log2(float(np.finfo(steps.dtype).max))
 
     def brought(self, slope: int, rounds: int, copies: int) -> tuple[Trials, float]:
-        """The closest step found for the Jacobian entry `slope`, and its distance (see
-        `slopes_apart`). Each of `rounds` rounds tries `copies` random changes of each step.
+        """The closest step found to one at which only the Jacobian entry `slope` is infinite, and
+        its distance in powers of 2 (defined in `slopes_apart`). Each of `rounds` rounds tries
+        `copies` random changes of each step.
         """
         steps, random = self._steps, self._random
         drawn = trials_of_kinds(steps, np.arange(_DRAWN_FINITE) % 4, random)
@@ -93,8 +94,9 @@ class _Approach:
         return current.of(np.array([nearest])), float(left[nearest])
 
     def _far(self, trials: Trials, slope: int, below: Array) -> Array:
-        """The distance (B,) of each step for the Jacobian entry `slope` (see `slopes_apart`). It is
-        exact only where it is smaller than `below` (B,).
+        """The distance (B,) of each step from one at which only the Jacobian entry `slope` is
+        infinite, in powers of 2 (defined in `slopes_apart`). It is exact only where it is smaller
+        than `below` (B,).
         """
         wide = Trials(trials.starts, trials.numbers.astype(np.float64))
         slopes = self._decisions.doubtful(self._twin.run(wide), len(wide))
