@@ -33,7 +33,9 @@ def hex_literal(value: float, dtype: Dtype) -> str:
 
 
 def hex_literals(values: Sequence[float], dtype: Dtype) -> list[str]:
-    """Many numbers as `hex_literal` writes one; faster, since golden vectors have thousands."""
+    """Each of the values, rounded to dtype, as a hexadecimal C literal that shows its exact bits.
+    Faster than one by one, since golden vectors have thousands.
+    """
     with np.errstate(over="ignore"):
         rounded = np.array(values, dtype=np.float64).astype(dtype).astype(np.float64).tolist()
     end = suffix(dtype)

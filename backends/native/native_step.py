@@ -28,7 +28,7 @@ class NativeStep:
     """One instance of the C code of a program in step form, compiled for this machine. `inputs` and
     `outputs` are memory that the caller writes and reads: arrays of reals (ctypes), field after
     field in the order of the interface. `step()` runs one step and returns status bits. Raises
-    ValueError for wrong weights, CompilerMissingError and KernelBuildError.
+    ValueError for weights of a wrong shape, CompilerMissingError and KernelBuildError.
     """
 
     name: Literal["c", "interpreter"] = "c"

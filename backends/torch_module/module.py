@@ -68,8 +68,8 @@ class _Loaded:
 def build_module(
     program: Program, dtype: torch.dtype = torch.float64, device: str = "cpu"
 ) -> TorchModel:
-    """A torch module of the program, in window or step form. Its parameters begin with the initial
-    values of the spec.
+    """A torch module of the program, in window or step form, with tensors of this type on this
+    device (a torch name such as `cpu`). Its parameters begin with the initial values of the spec.
     """
     return TorchModel(program, dtype, torch.device(device))
 

@@ -184,7 +184,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
 
 def _assignment(base: str, field: Field, limits: tuple[float, float] | None, dtype: Dtype) -> str:
     """A C statement that sets a field of the struct variable `base` to the value within `limits`
-    that is nearest to 0; a loop for an array. It ends with the unit as a comment.
+    that is nearest to 0; a loop for an array. It ends with the unit, if there is one, as a comment.
     """
     value = real_literal(nearest_to_zero(limits, dtype), dtype)
     unit = f" /* {comment_text(field.unit.text)} */" if field.unit is not None else ""

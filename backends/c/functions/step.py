@@ -101,8 +101,8 @@ class _StepWriter(FunctionWriter):
             self.scope.add(c.If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
 
     def commit(self, lowered: GraphLowering, moved: set[str]) -> None:
-        """Writes the next values into the states, after `lowered` has computed all values that read
-        old states. Skips the buffers named in `moved`, which a sum already shifted while it read
+        """Writes the next values into the states. Values that read old states are computed or
+        copied before. Skips the buffers named in `moved`, which a sum already shifted while it read
         them.
         """
         interface = self.interface

@@ -119,7 +119,9 @@ class CStep:
         return x
 
     def set_state(self, x: ArrayLike) -> None:
-        """Sets the states from the vector x of the Jacobian, in the order of `get_state`."""
+        """Sets the states that the vector x of the Jacobian contains; its order is that of
+        `get_state`.
+        """
         values = np.ascontiguousarray(x, self.dtype)
         self._function("set_state")(self._state.ctypes.data, values.ctypes.data)
 

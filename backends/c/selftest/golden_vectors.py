@@ -66,8 +66,8 @@ class GoldenStart:
 def golden_start(
     interface: Interface, interpreter: Interpreter, record: DrawnRecord
 ) -> GoldenStart:
-    """The arguments of `reset` for these samples, and the states and status that the reference
-    interpreter expects from it.
+    """The arguments of `reset` for the samples in `record`, and the states and status that the
+    reference interpreter expects from it.
     """
     windows: dict[str, Array] = {}
     log, bits = dict(record.log), StatusBit(0)

@@ -77,8 +77,9 @@ def log_of_steps(
 def apply_policy(
     signal: Signal, values: Array, previous: Array, dtype: Dtype
 ) -> tuple[Array, StatusBit]:
-    """The values of an input after its policy, and the status bits that the policy sets. `previous`
-    are the values used in the step before, for policy `hold`; all arrays have the type `dtype`.
+    """The values of an input after the policy of its signal, and the status bits that the policy
+    sets. `previous` are the values used in the step before, for policy `hold`; all arrays have the
+    type `dtype`.
     """
     low, high, valid = _judged(signal, values, dtype)
     if signal.on_invalid == "trust" or bool(np.all(valid)):
@@ -113,7 +114,7 @@ def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[A
 
 def invalid_samples(signal: Signal, series: Array, dtype: Dtype) -> NDArray[np.bool_]:
     """A mask (runs, steps): True for samples of `series` (runs, steps, *shape) that have an element
-    outside the limits or NaN.
+    outside the limits of the signal or NaN.
     """
     _, _, valid = _judged(signal, series, dtype)
     return ~np.asarray(valid.all(axis=tuple(range(2, series.ndim))))

@@ -80,8 +80,8 @@ def selftest_text(
     program: Program, interface: Interface, weights: Weights, kernels: Collection[str]
 ) -> str:
     """The text of `src/<prefix>_selftest.c`: it checks golden steps, math kernels, vectors, and
-    that the compiler keeps the arithmetic. `kernels` are the names of the kernels that the code
-    calls.
+    that the compiler keeps the arithmetic. `weights` are physical arrays by name, `kernels` the
+    names of the math kernels that the code calls.
     """
     dtype, prefix = interface.options.dtype, interface.prefix
     printer = Printer(prefix, dtype, places_tables=True)
@@ -130,8 +130,9 @@ def selftest_text(
 
 
 def test_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """The test program of the host, path in the folder → text: `test/<prefix>_sil.c`, the golden
-    vectors that it runs, and the status and bits that it must reproduce.
+    """The test program for the PC, path in the folder → text: `test/<prefix>_sil.c`, the golden
+    vectors that it runs, and the status and output bits that it must reproduce. `weights` are
+    physical arrays by name.
     """
     prefix = interface.prefix
     runs = _golden_runs(program, interface, weights)
@@ -186,8 +187,9 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 
 def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
-    """The runs of the test program: from `reset`, some with a value written into a state, then from
-    `init`. A run whose written value is an infinite one that C may omit from a sum is left out.
+    """The runs of the test program with these weights (physical arrays by name): from `reset`, some
+    with a value written into a state, then from `init`. A run whose written value is an infinite
+    one that C may omit from a sum is left out.
     """
     begun: list[tuple[StartPoint | Outside | None, int, int | None, WrittenNumber | None]] = [
         # a seed of its own for each run: none repeats the inputs of another

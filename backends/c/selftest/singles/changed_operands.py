@@ -161,7 +161,9 @@ class ChangeableGraph:
 
 
 class _Asked(dict[NodeId, Array]):
-    """Values by node id, each computed with its operands when it is first read."""
+    """Values by node id, each computed with its operands when it is first read. `around` has the
+    log, rows and states; `parameters` (B, *shape) replace weights.
+    """
 
     def __init__(
         self,
