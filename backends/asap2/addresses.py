@@ -15,8 +15,8 @@ _BLOCKS = ("CHARACTERISTIC", "MEASUREMENT", "AXIS_PTS", "MEMORY_SEGMENT")
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """An object in the linked program: the name of its variable with member, such as `veh_p.gain`,
-    and its address.
+    """An object in the linked program: the name of its variable, for a member with it after a dot
+    (`veh_params_default.gain`), and its address.
     """
 
     name: str
