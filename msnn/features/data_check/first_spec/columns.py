@@ -181,6 +181,8 @@ def _is_data(row: Sequence[str], width: int, numeric: Sequence[int], decimal: st
 
 _LONGEST_NAME = 40
 _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
+_BESIDE = re.compile(r"\W+")
+"""What is no letter in any script: a name with `_` in its place is as the header has it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,6 +230,14 @@ class FoundColumn:
         return (f"`{self.label}` may be in {texts}: write the unit of `{self.name}`",)
 
     @property
+    def renamed(self) -> str:
+        """A note if the name has not all letters of the header; empty otherwise."""
+        plain = normalised(plain_label(self.label)[0])
+        if not plain or _BESIDE.sub("_", plain).strip("_") == self.name:
+            return ""
+        return f"`{plain}` is called `{self.name}` in the spec"
+
+    @property
     def how_often(self) -> str:
         known = int(np.isfinite(self.values).sum())
         return f"has a value in {known} of {len(self.values)} rows"
@@ -243,6 +253,8 @@ class FoundTable:
     """Indices of non-numeric columns."""
     dates: FoundColumn | None
     """The first date column, in seconds since the first row."""
+    step: float | None = None
+    """Seconds between rows if the file has times of each signal, of which the rows were made."""
 
     @property
     def rows(self) -> int:
@@ -259,7 +271,7 @@ class FoundTable:
         return None
 
 
-def columns_of(path: Path) -> FoundTable:
+def columns_of(path: Path, predict: Sequence[str] = ()) -> FoundTable:
     """All numeric columns; SpecError if there are none, or for a non-numeric cell in one."""
     format = format_of(path)
     if format.plugin is not None:
