@@ -164,7 +164,7 @@ def _shrunk(values: FloatArray, reach: FloatArray) -> FloatArray:
 
 
 def corners(terms: KnownTerms, raw: FloatArray) -> float:
-    """Σ of the magnitudes and norms, weighted by their λ."""
+    """Σ λ · |raw| + Σ λ · ‖slice of raw‖: the penalties that are not differentiable at 0."""
     norms = [np.sqrt(np.sum(raw[numbers] ** 2)) for numbers in terms.slices]
     return float(terms.magnitude @ np.abs(raw)) + float(terms.norms @ np.array(norms))
 
@@ -200,7 +200,7 @@ def of_raw(
 
 
 def in_corners(terms: KnownTerms, values: FloatArray) -> NDArray[np.bool_]:
-    """Marks the elements that a penalty keeps at exactly 0."""
+    """A mask of the elements of `values` that a penalty keeps at exactly 0."""
     held = terms.magnitude > 0
     for numbers in terms.slices:
         held[numbers] = True

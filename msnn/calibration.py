@@ -27,7 +27,7 @@ _DEEPEST = 8
 
 @dataclass(frozen=True, slots=True)
 class DwarfMember:
-    """The offset of a member in its struct, and its size in bytes."""
+    """A member of a C struct in debug information: its offset and size in bytes."""
 
     offset: int
     size: int
@@ -35,7 +35,10 @@ class DwarfMember:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A variable of one of the requested types, or such a member of another variable."""
+    """A variable in the program of a controller whose type is one of the requested ones.
+
+    It may also be a member of another variable.
+    """
 
     name: str
     """`controller`, or `vehicle.controller` for a member."""
@@ -46,7 +49,7 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Elf:
-    """The variables of the requested types in a file."""
+    """The variables of the requested types in an ELF file, with their addresses."""
 
     big_endian: bool
     instances: tuple[Instance, ...]
@@ -201,7 +204,7 @@ OPTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """The completed file, and the variable of each struct."""
+    """An ASAP2 file (A2L) with addresses, and the variable that was used for each struct."""
 
     text: str
     instances: Mapping[str, Instance]
@@ -212,7 +215,7 @@ class Filled:
 
 
 def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled:
-    """The ASAP2 file of the export with addresses of the variables in the ELF file.
+    """Writes the addresses of variables from an ELF file into the text of the export's ASAP2 file.
 
     `chosen` names the variable of a struct if there are several. Otherwise parameters are the only
     variable of their type besides the defaults. Raises SpecError, MissingExtraError, OSError.
@@ -291,7 +294,7 @@ def _choose(
 
 
 def _sizes(description: Mapping[str, Any], struct: str) -> dict[str, int]:
-    """Bytes of each member."""
+    """The size in bytes of each member of a struct."""
     types = NUMBERS[description["dtype"]]
     return {
         member["field"]: np.dtype(types[member["type"]]).itemsize * math.prod(member["shape"])

@@ -12,7 +12,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class OptionalPackage:
-    """A Python package that an extra of msnn installs."""
+    """A Python package that msnn can do without; `pip install msnn[extra]` installs it."""
 
     name: str
     """As Python imports it."""
@@ -24,7 +24,7 @@ class OptionalPackage:
 
     @property
     def is_installed(self) -> bool:
-        """Looked up, not imported."""
+        """True if Python finds the package; it is not imported."""
         try:
             return importlib.util.find_spec(self.name) is not None
         except ImportError:  # a finder that refuses the name
@@ -32,11 +32,13 @@ class OptionalPackage:
 
     @property
     def install(self) -> str:
-        """The line that installs it."""
+        """The shell command that installs the package."""
         return install_line(self)
 
     def require(self, use: str) -> None:
-        """Raises MissingExtraError, which says the use that needs it, where it is not installed."""
+        """Raises MissingExtraError if the package is not installed; `use` says what it is needed
+        for.
+        """
         if not self.is_installed:
             raise MissingExtraError(f"{self.name}, which {use},", self.install)
 
@@ -112,7 +114,9 @@ def install_line(package: OptionalPackage) -> str:
 
 
 def _origin() -> dict[str, Any] | None:
-    """The origin that the installer recorded by PEP 610; None where it took msnn from an index."""
+    """The origin that the installer recorded by PEP 610; None if msnn was installed from an
+    index.
+    """
     import json  # only where something is missing
     from importlib.metadata import PackageNotFoundError, distribution
 

@@ -32,7 +32,7 @@ from spec_schema.registry import ARITHMETICS
 
 
 def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
-    """The model with the options of its C export.
+    """Opens a model for stepping, as it would be exported to C.
 
     Without a compiler the interpreter is used, with a RuntimeWarning. Raises SpecError for an
     invalid export, or one in fixed point.
@@ -80,14 +80,15 @@ Array = NDArray[Any]
 
 
 class Stepper:
-    """A model as it is deployed: memory of its own, a step a sample, the numbers of its C.
+    """One instance of a model that computes one sample per call, with the same bits as its C
+    export.
 
         s = msnn.stepper(model, result.weights)
         s.reset(x=0.1)
         y = s.step(F=2.0)["x_next"]
 
-    Values have the units and shapes of the spec. What is wrong with them is a ValueError, and
-    leaves the state as it was.
+    Values have the units and shapes of the spec. An invalid value raises ValueError and leaves the
+    state unchanged.
     """
 
     def __init__(
@@ -108,9 +109,10 @@ class Stepper:
         self._unset = bool(engine.waiting & STATES_UNSET)
 
     def step(self, **inputs: Any) -> dict[str, float | Array]:
-        """The outputs of a sample, after which the model is one sample further.
+        """Computes one sample: takes the inputs by name, returns the outputs, and advances the
+        states.
 
-        A name that no keyword can be, such as `car.u`, is given by `step(**{"car.u": 1.0})`.
+        A name that cannot be a keyword, such as `car.u`, is passed by `step(**{"car.u": 1.0})`.
         """
         places = self._inputs
         # all before anything is written: a mistake leaves the inputs as they were
@@ -134,7 +136,7 @@ class Stepper:
 
     @property
     def status(self) -> tuple[str, ...]:
-        """The faults of the last step or reset, by the names of the C's status bits."""
+        """The faults of the last step or reset, by the names of the status bits of the C code."""
         bits = StatusBit(self._status)
         # members that are one bit each have names
         return tuple(bit.name or "" for bit in StatusBit if bit in bits)
@@ -184,7 +186,7 @@ class Stepper:
 
     @property
     def state(self) -> dict[str, float | Array]:
-        """All that the model remembers, by name; buffers oldest sample first."""
+        """All states and buffers by name; a buffer has its oldest sample first."""
         found = self._engine.states()
         return {name: value if value.shape else float(value) for name, value in found.items()}
 
@@ -249,7 +251,10 @@ def _window(value: ArrayLike, field: Field, port: Port) -> Array:
 
 
 def _start(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """The first value of a state."""
+    """The initial value of a state as an array.
+
+    ValueError for another shape or a non-finite element.
+    """
     array = shaped(name, value, shape)
     if not np.isfinite(array).all():
         raise ValueError(not_a_start(name, _first_not_finite(array)))
@@ -289,7 +294,9 @@ def _listed(names: Iterable[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class RealsPlace:
-    """A value among the reals of a struct: one element at `index`, or the array `view`."""
+    """One input or output in the memory of a compiled step: a scalar at `index`, or the array
+    `view`.
+    """
 
     name: str
     index: int
@@ -353,7 +360,7 @@ def refuses(signal: Signal) -> bool:
 
 
 def input_places(interface: Interface, memory: Any) -> dict[str, RealsPlace]:
-    """The inputs of a step in its memory."""
+    """The places of the step's inputs in `memory`, by name."""
     fields = [input.field for input in interface.inputs]
     checked = {input.field.name: refuses(input.port.signal) for input in interface.inputs}
     return {
@@ -363,7 +370,7 @@ def input_places(interface: Interface, memory: Any) -> dict[str, RealsPlace]:
 
 
 def output_places(interface: Interface, memory: Any) -> tuple[RealsPlace, ...]:
-    """The outputs of a step in its memory."""
+    """The places of the step's outputs in `memory`."""
     return tuple(_places(interface.outputs, memory, interface))
 
 
@@ -382,14 +389,17 @@ StepsBy: TypeAlias = Literal["c", "interpreter"]
 
 
 class StepEngine(Protocol):
-    """One instance of a model; `inputs` and `outputs` are ctypes arrays, field after field."""
+    """One instance of a model in compiled C or in the interpreter.
+
+    `inputs` and `outputs` are ctypes arrays, field after field.
+    """
 
     inputs: Any
     outputs: Any
 
     @property
     def name(self) -> StepsBy:
-        """The name of the engine."""
+        """The name of the engine: compiled C or the interpreter."""
         ...
 
     @property
@@ -399,11 +409,13 @@ class StepEngine(Protocol):
 
     @property
     def waiting(self) -> int:
-        """The bits BUFFERS_EMPTY and STATES_UNSET, if they apply."""
+        """The status bits BUFFERS_EMPTY and STATES_UNSET, if buffers or states have no
+        values yet.
+        """
         ...
 
     def init(self) -> None:
-        """Sets the states that need no data."""
+        """Sets those states whose initial values need no data."""
         ...
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
@@ -411,13 +423,13 @@ class StepEngine(Protocol):
         ...
 
     def states(self) -> dict[str, Array]:
-        """The values of all states."""
+        """The values of all states and buffers, by name."""
         ...
 
     def set_states(self, values: Mapping[str, ArrayLike]) -> None:
-        """Sets all states."""
+        """Sets all states and buffers."""
         ...
 
     def no_longer_waits(self, bits: int) -> None:
-        """Clears bits of `waiting`."""
+        """Clears status bits in `waiting`, after states were set."""
         ...

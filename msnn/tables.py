@@ -27,12 +27,12 @@ class Table:
 
     @property
     def text(self) -> str:
-        """As a terminal shows it."""
+        """The table as lines for a terminal."""
         return table_text(self.header, self.rows, self.numbers)
 
     @property
     def markdown(self) -> str:
-        """As pages of code hosts show it; no cell is read as markup."""
+        """The table in Markdown; characters with a meaning in Markdown are escaped."""
         kept = self.filled
         rule = ["---:" if i in self.numbers else "---" for i in kept]
         lines = [[self.header[i] for i in kept], rule]
@@ -48,11 +48,11 @@ class Table:
 def table_text(
     header: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()
 ) -> str:
-    """The header and the rows as lines; columns whose indices are in `numbers` end at the right.
+    """The header and the rows as lines; columns whose indices are in `numbers` are right-aligned.
 
-    Columns that are empty in every row are left out. A table that is wider than `LINE_WIDTH` goes
-    on below itself, its first column again. No line ends in blanks; there is no line end after the
-    last one. What cannot be printed (a spec's doc may hold any character) is a blank.
+    Columns that are empty in every row are omitted. A table that is wider than `LINE_WIDTH`
+    continues below, with its first column repeated. No line ends in blanks, and the last one has no
+    line end. Characters that cannot be printed become blanks.
     """
     rows = [tuple(_printable(cell) for cell in row) for row in rows]
     kept = Table(header, rows).filled
@@ -76,7 +76,9 @@ def _unmarked(cell: str) -> str:
 
 
 def _blocks(widths: Sequence[int], most: int | None) -> list[list[int]]:
-    """The columns that stand beside each other: all, or the first with as many others as fit."""
+    """Groups of column indices that fit next to each other in `most` characters; each has
+    column 0.
+    """
     blocks = [list(range(min(1, len(widths))))]
     for column in range(1, len(widths)):
         block = [*blocks[-1], column]
@@ -103,7 +105,7 @@ def _padded(cell: str, width: int, right: bool) -> str:
 
 
 def _width(text: str) -> int:
-    """Columns of a terminal that the text takes."""
+    """The number of terminal columns that the text takes; wide characters take two."""
     return sum(_columns(character) for character in text)
 
 

@@ -46,7 +46,9 @@ def dataclass(
 
 
 def _waiting(written: type, options: Mapping[str, bool], *, slots: bool) -> type:
-    """A class equivalent to the original, with dataclass members that are generated when needed."""
+    """A class equivalent to the original, whose dataclass methods are generated at the
+    first use.
+    """
     content = dict(vars(written))
     own = _own_fields(content)
     for name in (*_PLACES, *own):
@@ -88,7 +90,7 @@ def _is_of_class(annotation: Any) -> bool:
 
 
 def _state(self: Any) -> list[Any]:
-    """Sets the fields of a copy, because a frozen object with slots cannot be assigned to."""
+    """The fields of an object for pickle and copy; a frozen object with slots needs this."""
     return [getattr(self, field.name) for field in dataclasses.fields(self)]
 
 

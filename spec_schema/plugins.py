@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 GROUP = "msnn.features"
+UNKNOWN_VERSION = "of unknown version"
+"""The version of a plug-in whose package has no metadata."""
 _ALL = "all"
 """The word of `msnn export --to` for every target of msnn."""
 _OF_THE_LANGUAGE = LateObject("compiler.ir.scalars", "OF_THE_LANGUAGE")
@@ -61,6 +63,10 @@ class Plugins:
     warnings: tuple[Diagnostic, ...] = ()
     failed: Mapping[str, str] = field(default_factory=dict[str, str])
     """Packages whose plug-in is left out, each with the reason."""
+    refused: Mapping[tuple[str, str], tuple[Diagnostic, ...]] = field(
+        default_factory=dict[tuple[str, str], tuple[Diagnostic, ...]]
+    )
+    """Warnings about names that are left out, by kind and name."""
 
 
 class _Search:
@@ -187,6 +193,7 @@ def _looked_up() -> Plugins:
     found: list[Plugin] = []
     warnings: list[Diagnostic] = []
     failed: dict[str, str] = {}
+    refused: dict[tuple[str, str], tuple[Diagnostic, ...]] = {}
     for point in points:
         package = _package(point)
         try:
@@ -202,6 +209,7 @@ def _looked_up() -> Plugins:
             failed[package] = reason
             continue
         keys: set[tuple[str, str]] = set()
+        own: list[tuple[str, str, str]] = []
         for kind, lines, line in _lines(feature):
             reason = _why_not(kind, line.key, package, keys, found)
             if reason is None and not lines.is_free(line.key):
@@ -211,7 +219,7 @@ def _looked_up() -> Plugins:
                 _SEARCH.added.append((lines, line))
                 keys.add((kind, line.key))
             else:
-                warnings.append(_without(package, kind, line.key, reason))
+                own.append((kind, line.key, reason))
         for kind, key, line in _named(feature):
             names, ours, taken = _NAMES[kind]
             reason = _why_not(kind, key, package, keys, found)
@@ -221,12 +229,16 @@ def _looked_up() -> Plugins:
                 names[key] = line
                 keys.add((kind, key))
             else:
-                warnings.append(_without(package, kind, key, reason))
-        version = "" if point.dist is None else point.dist.version
+                own.append((kind, key, reason))
+        for kind, key, reason in own:
+            warning = _without(package, kind, key, reason)
+            warnings.append(warning)
+            refused[kind, key] = (*refused.get((kind, key), ()), warning)
+        version = _metadata(point, "Version") or UNKNOWN_VERSION
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
-    return Plugins(tuple(found), tuple(warnings), failed)
+    return Plugins(tuple(found), tuple(warnings), failed, refused)
 
 
 def _why_not(
@@ -251,7 +263,20 @@ def _without(package: str, kind: str, key: str, reason: str) -> Diagnostic:
 
 
 def _package(point: EntryPoint) -> str:
-    return point.module.partition(".")[0] if point.dist is None else point.dist.name
+    return _metadata(point, "Name") or point.module.partition(".")[0]
+
+
+def _metadata(point: EntryPoint, key: str) -> str | None:
+    """A value of the package's metadata; None if an incomplete installation does not have it."""
+    if point.dist is None:
+        return None
+    try:
+        found = point.dist.metadata
+        # a subscript of a missing key is deprecated, and `get` is not in the protocol
+        return next(iter(found.get_all(key) or ()), None)
+    # Python 3.15 raises an exception of its own for a missing file, older versions do not
+    except Exception:  # noqa: BLE001
+        return None
 
 
 _NAMES: dict[str, tuple[dict[str, Any], LateObject, str]] = {

@@ -20,14 +20,14 @@ E = TypeVar("E", bound=Entry)
 
 
 class KeyLine(Protocol):
-    """A key that a feature adds to a mapping of the spec."""
+    """A line about a key that a feature adds to a mapping of the spec, such as a section."""
 
     @property
     def key(self) -> str: ...
 
     @property
     def entry(self) -> LateEntry:
-        """The class of its value."""
+        """The class that reads the value of the key."""
         ...
 
     @property
@@ -40,7 +40,10 @@ FeatureLine = TypeVar("FeatureLine", bound=KeyLine)
 
 
 class FeatureLines(Generic[FeatureLine]):
-    """The keys that features add to a mapping of the spec: ours, then those of plug-ins."""
+    """The lines of one kind, such as sections: those of msnn's features, then those of plug-ins.
+
+    Each line adds a key to the mappings of the spec to which `add_to` was applied.
+    """
 
     def __init__(self, *ours: FeatureLine) -> None:
         self.ours = ours
@@ -51,9 +54,10 @@ class FeatureLines(Generic[FeatureLine]):
         return iter((*self.ours, *self.of_plugins))
 
     def add_to(self, mapping: type[Entry], after: str | None = None) -> None:
-        """Adds an optional field for each line, and for each line that is added later.
+        """Adds an optional field to a class of the spec for each line, now and for lines of
+        plug-ins later.
 
-        Fields of ours follow the key `after`, or are the last.
+        Fields of msnn's features follow the key `after`, or are the last.
         """
         self._mappings.append(mapping)
         fields = mapping.__pydantic_fields__
@@ -82,7 +86,7 @@ class FeatureLines(Generic[FeatureLine]):
             mapping.model_rebuild(force=True)
 
     def is_free(self, key: str) -> bool:
-        """False if the key, or an attribute of that name, is there already."""
+        """True if a plug-in may add this key: no field or attribute has the name yet."""
         return not any(
             key in (*each.known_keys(), *each.model_fields) or hasattr(each, key)
             for each in self._mappings
@@ -293,7 +297,7 @@ VERIFIED_EXPORTS = (
 def with_keys(
     lines: FeatureLines[Any], *, after: str | None = None
 ) -> Callable[[type[E]], type[E]]:
-    """Adds an optional field for each line to the class of a mapping: last, or after a key.
+    """A class decorator that adds an optional field for each line: last, or after a key.
 
     `Entry` defers building its schema to the first use, so the fields arrive in time.
     """
@@ -314,9 +318,11 @@ def _add_field(mapping: type[Entry], line: KeyLine) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Feature:
-    """The record of a plug-in, which its entry point of the group `msnn.features` names.
+    """The description of a plug-in: all lines that it brings.
 
-    Its lines name objects by their modules, as those of our own features do.
+    Its entry point in `msnn.features` names it.
+
+    Its lines name objects by their modules, as those of msnn's own features do.
     """
 
     name: str

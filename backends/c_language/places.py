@@ -129,7 +129,7 @@ class ArrayView:
         return None if strides is None else replace(self, shape=shape, strides=strides)
 
     def _bare(self, shape: tuple[int, ...]) -> ArrayView:
-        """A scalar expression needs no index, also if repeated."""
+        """A view of a scalar expression in a new shape; every element is the expression itself."""
         return replace(self, shape=shape, strides=(0,) * len(shape))
 
 

@@ -129,7 +129,11 @@ class BlockScope:
         unroll: int,
         body: Callable[[tuple[Index, ...], BlockScope], None],
     ) -> None:
-        """Writes `body` for every element: unrolled up to `unroll` elements, otherwise in loops."""
+        """Calls `body` with the indices of every element of the shape and the block to write into.
+
+        Up to `unroll` elements each element gets its own statements; more elements are written as
+        loops.
+        """
         if math.prod(shape) <= unroll:
             for indices in product(*(range(size) for size in shape)):
                 body(tuple(Index(index) for index in indices), self)

@@ -69,7 +69,9 @@ _LARGER = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256)
 
 @dataclass(frozen=True, slots=True)
 class ActiveMemberships:
-    """The sets with possibly nonzero degrees, and their degrees."""
+    """The indices of the one or two fuzzy sets that can have a nonzero degree, and their degrees in
+    C.
+    """
 
     positions: tuple[Index, ...]
     degrees: tuple[c.Expression, ...]
@@ -222,7 +224,9 @@ def _difference(left: c.Expression, right: c.Expression) -> c.Expression:
 
 @dataclass(frozen=True, slots=True)
 class ActiveSums:
-    """The values that need special treatment if only active sets are evaluated."""
+    """The values that are computed differently if inactive fuzzy sets, whose degree is 0, are
+    skipped.
+    """
 
     sets: dict[NodeId, CompactSets] = field(default_factory=dict[NodeId, CompactSets])
     """Degrees of membership that are computed for active sets only."""
@@ -233,10 +237,10 @@ class ActiveSums:
 
 
 def sums_of_active_sets(program: Program, memories: Iterable[StateMemory]) -> list[NodeId]:
-    """The sums of a step that generated C computes over active sets only.
+    """The sums of a step that generated C computes over active fuzzy sets only.
 
     An infinite or NaN term of an inactive set makes the sum NaN in the interpreter, but not in C.
-    Steps with such sums have no guaranteed results.
+    For such steps the same bits are not guaranteed.
     """
     read = seen_values(program) + [joining(memory) for memory in memories]
     return [*find_active_sums(program.step, read).sums]

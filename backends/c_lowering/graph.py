@@ -63,7 +63,7 @@ class LeafSource(Protocol):
 
 
 class GraphLowering:
-    """The values of the nodes that `roots` depend on; stored values are written to `scope`."""
+    """Writes C for the nodes that `roots` depend on; values that must be stored go to `scope`."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class GraphLowering:
         return self._values[node]
 
     def place(self, node: NodeId, name: str) -> ArrayView:
-        """The place of a value; it is stored in a local of that name if it has none."""
+        """The place of a value in memory; a value without one is first stored in a local `name`."""
         value = self._values[node]
         return value if isinstance(value, ArrayView) else self.copy(node, name)
 
@@ -117,7 +117,7 @@ class GraphLowering:
         copy_value(self._values[node], target, self._scope, self._locals.unroll)
 
     def store_part(self, node: NodeId, part: Value, target: ArrayView) -> None:
-        """Writes some of its elements to another place."""
+        """Writes `part`, some of the elements of the node, to the place `target`."""
         self._locals.notes.write(self._graph[node], self._scope)
         copy_value(part, target, self._scope, self._locals.unroll)
 
@@ -293,7 +293,11 @@ def _taken(nodes: list[Node], node: Node, source: NodeId, start: int) -> Node:
 
 
 def _part(nodes: list[Node], concat: Node, wanted: Slice) -> tuple[NodeId, int] | None:
-    """The part that contains all elements of the slice, and their start in it."""
+    """For a slice of a concatenation: the operand that contains all of it, and the start in this
+    operand.
+
+    None if no single operand does.
+    """
     begin = 0
     for part in concat.args:
         type = nodes[part].type

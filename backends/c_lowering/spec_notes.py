@@ -19,7 +19,8 @@ _LEFT = re.compile(r"(der|next)\((.*)\)")
 
 
 class SpecNotes:
-    """Comments and names for the statements of one graph.
+    """Writes comments above generated statements, with the line and formula of the spec they come
+    from.
 
     A node inside a formula has no name of its own and uses that of the formula. Without formulas it
     uses the named value whose place in the spec contains it, or the only one on its line.
@@ -96,7 +97,7 @@ class SpecNotes:
 
 
 def _holds(whole: Span, part: Span) -> bool:
-    """True if the part starts inside the whole; both are in one file."""
+    """True if `part` starts inside `whole`; both are in one file."""
     begins = (part.line, part.column)
     return (whole.line, whole.column) <= begins < (whole.end_line, whole.end_column)
 

@@ -213,7 +213,9 @@ StateMemory = PlainState | DelayLine | Buffer
 
 
 def joining(memory: StateMemory) -> NodeId:
-    """The value that a state needs: its newest sample, or its whole next value."""
+    """The node whose value a state takes over after the step: a buffer's newest sample, or the next
+    value.
+    """
     return memory.newest if isinstance(memory, DelayLine) else memory.state.next
 
 

@@ -29,8 +29,10 @@ def sum_along(
     locals: LocalValues,
     active: Sequence[Index] = (),
 ) -> Computed:
-    """Σ over the axis of the product of one or two factors; only over the `active` terms, if
-    any.
+    """The C value of `node`: Σ over `axis` of one factor, or of the product of two.
+
+    `factors` are values with their types. With `active` only the terms of these indices are added,
+    since all others are 0.
     """
     # the verifier ensures that all factors have the summed axis with equal size
     first = factors[0][1]

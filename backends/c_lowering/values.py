@@ -20,7 +20,10 @@ Finish = Callable[[Expression, BlockScope], Expression]
 
 @dataclass(frozen=True, slots=True)
 class Computed:
-    """A value whose elements are made, once each, by writing statements into a block."""
+    """A value that is not in memory: `make` writes the statements for one element into a block.
+
+    It returns the element's C expression. Each element is made once.
+    """
 
     shape: tuple[int, ...]
     make: Callable[[Indices, BlockScope], Expression]
@@ -39,14 +42,18 @@ Value = ArrayView | Computed
 
 
 def element_of(value: Value, indices: Indices, scope: BlockScope) -> Expression:
-    """One element as a part of another expression."""
+    """The C expression of one element, for use inside a larger expression; its statements go to
+    `scope`.
+    """
     if isinstance(value, ArrayView):
         return value.element(indices)
     return value.element(indices, scope)
 
 
 def copy_value(value: Value, target: ArrayView, scope: BlockScope, unroll: int) -> None:
-    """Writes every element of a value to the same element of a place."""
+    """Writes statements that copy every element of a value to `target`; loops above `unroll`
+    elements.
+    """
 
     def one(indices: tuple[Index, ...], inner: BlockScope) -> None:
         if isinstance(value, ArrayView):
@@ -118,7 +125,7 @@ _LONGEST_EXPRESSION = 5
 
 
 class LocalValues:
-    """Writes the locals of one function."""
+    """Names and declares the local variables of one C function that store values of nodes."""
 
     def __init__(
         self,
@@ -160,7 +167,7 @@ class LocalValues:
         return scope.constant(self.name(node), value, _c_type(node))
 
     def kept(self, node: Node, value: Value, name: LocalName, scope: BlockScope) -> ArrayView:
-        """Stores the value in a new local."""
+        """Declares a local `name`, writes the value into it, and returns its place."""
         if node.label is not None and name == node.label:
             name = SpecName(node.label)
         boolean = node.type.kind == "bool"

@@ -101,7 +101,7 @@ def _matrix(column: Expression, columns: Positions) -> Expression:
 
 @dataclass(frozen=True, slots=True)
 class Symbols:
-    """The expressions of a graph's leaves, by name."""
+    """The CasADi expressions for ports, states and parameters, by name in the spec."""
 
     ports: Mapping[str, tuple[Port, Expression]]
     """Ports from which signal reads take their samples."""

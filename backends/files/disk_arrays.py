@@ -97,7 +97,8 @@ def blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
 
 
 class _GivingBack:
-    """Releases pages to the system periodically, so that the process holds few.
+    """Releases pages of memory-mapped files to the system periodically, so that the process holds
+    few.
 
     A page that is read again comes from the system's cache, or from the file.
     """

@@ -146,7 +146,11 @@ def _declared(interface: Interface, variable: Variable) -> str:
 
 
 def _beginning(interface: Interface, variable: Variable) -> list[str]:
-    """Statements for nonzero start values of inputs and of samples before the first step."""
+    """C statements that set the start values of a variable, an input or samples before the first
+    step.
+
+    Only values other than 0 need statements.
+    """
     if variable.kind not in (VariableKind.INPUT, VariableKind.SAMPLES) or not np.any(
         variable.start
     ):
@@ -165,7 +169,9 @@ def _beginning(interface: Interface, variable: Variable) -> list[str]:
 def _fills(
     interface: Interface, variables: UnitVariables, marks: dict[str, int]
 ) -> list[dict[str, Any]]:
-    """The rules by which samples of an input that nobody set take the input's own value."""
+    """For windows that nobody set before the first step: rules that fill them with the input's own
+    value.
+    """
     inputs = {variable.place: variable for variable in variables.of(VariableKind.INPUT)}
     samples = {variable.place: variable for variable in variables.of(VariableKind.SAMPLES)}
     given = {input.port.signal.name: input for input in interface.inputs}

@@ -156,7 +156,9 @@ class Kernel:
         return KernelData(self.source, self.dtype, series, skip, scored)
 
     def _work(self, groups: Groups, largest: int) -> WorkStruct:
-        """Memory for a call with batches of at most `largest` groups; later calls reuse it."""
+        """The working memory of a call whose batches have at most `largest` groups; later calls
+        reuse it.
+        """
         steps = int(groups["steps"].max())
         # calls of a training are similar: the size is computed once
         if (steps, largest) == self._reserved:
@@ -308,7 +310,7 @@ class Ranks(Protocol):
         ...
 
     def receive(self, sums: Sums) -> None:
-        """Replaces sums by those of the previous rank; the first rank keeps its own."""
+        """Replaces `sums` by those of the previous rank; the first rank keeps its own."""
         ...
 
     def hand_on(self, sums: Sums) -> None:
@@ -317,7 +319,9 @@ class Ranks(Protocol):
 
 
 class HandedSums:
-    """Calls ranks from inside a kernel; their exceptions are raised after the kernel returns."""
+    """Lets a running kernel exchange sums with other ranks; keeps exceptions until the kernel has
+    returned.
+    """
 
     def __init__(self, ranks: Ranks) -> None:
         self._ranks = ranks

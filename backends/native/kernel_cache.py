@@ -58,7 +58,7 @@ def is_trusted_file(descriptor: int) -> bool:
 
 
 def _stranger(found: os.stat_result) -> str | None:
-    """The owner, unless it is this user or root."""
+    """The owner of a file, as text, if it is neither this user nor root; otherwise None."""
     if found.st_uid in (os.geteuid(), 0):
         return None
     import pwd  # of POSIX alone
@@ -154,7 +154,7 @@ def opened(folder: Path) -> tuple[Path, str | None]:
 
 @cache
 def _had_room(folder: Path) -> None:
-    """Like `has_room`, cached once it succeeds, as it writes 1 MB."""
+    """Like `has_room`, but a success is remembered, since the test writes 1 MB. Raises OSError."""
     has_room(folder)
 
 
@@ -214,7 +214,7 @@ class CacheLimits:
 
 
 def kept_kernels(folder: Path) -> list[KeptKernel]:
-    """The kernels in a folder, most recently used first."""
+    """The kernels stored in a folder, most recently used first."""
     # MSNN_CACHE may be a folder with other libraries, which are neither counted nor removed
     keys = {path.stem for path in folder.glob("*.so") if _OF_KERNELS.fullmatch(path.name)}
     return sorted((_kernel(folder, key) for key in keys), key=lambda kernel: -kernel.used)
@@ -354,7 +354,9 @@ class StoredKernel:
 
     @property
     def seal(self) -> Path:
-        """The file that marks these bytes as verified."""
+        """The path of the file that says that a kernel with these bytes agrees with the
+        interpreter.
+        """
         return self.folder / f"{self.key}.checked"
 
     def whole(self) -> str | None:

@@ -45,8 +45,10 @@ class KernelData:
         )
 
     def write(self, series: Mapping[str, FloatArray]) -> None:
-        """Replaces values of the series that the kernel reads; these must not be shared with
-        other objects.
+        """Overwrites the values of series in place, in the arrays that the kernel reads.
+
+        Other series than those of the kernel are ignored. Arrays that the kernel shares with their
+        owner change there too, so they must have no other user.
         """
         for name, values in series.items():
             if name in self._names:

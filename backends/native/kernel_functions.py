@@ -25,7 +25,9 @@ from compiler.ir.types import Axis
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """An argument of a model function, and its value at time t."""
+    """A formal argument of a C function, and the C expression that the loop over time passes for
+    it.
+    """
 
     argument: Argument
     value: str
@@ -33,7 +35,7 @@ class Passed:
 
 @dataclass(frozen=True, slots=True)
 class ModelFunction:
-    """A model function with the values of its arguments."""
+    """A C function of the model, and the C expressions that its caller passes as arguments."""
 
     function: Function
     values: tuple[str, ...]
@@ -41,7 +43,9 @@ class ModelFunction:
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """Additional nodes that the step stores, and the array of lanes for them."""
+    """Further values that the step stores: their nodes with their places, and the C array that
+    holds them.
+    """
 
     array: str = ""
     places: tuple[tuple[NodeId, ArrayView], ...] = ()
@@ -64,7 +68,7 @@ class ModelFunctions:
         self._after = read_from_rows(self._reverse, phases.cuts)
 
     def start(self) -> ModelFunction:
-        """The states at t0."""
+        """The C function that computes the states at t0."""
         program = self._memory.program
         writer = LaneWriter(self._memory, program.start, self._functions)
         lowered = writer.lowered(*(state.start for state in program.states))
@@ -73,7 +77,9 @@ class ModelFunctions:
         return self._made(writer, "kernel_start", self._common(""), "States at t0.")
 
     def ahead(self) -> ModelFunction:
-        """Computes, for all times, the values that do not depend on states."""
+        """The C function that computes, before the loop over time, values that do not depend on
+        states.
+        """
         writer = LaneWriter(self._memory, self._memory.program.step, self._functions)
         for node in self._memory.phases.ahead:
             self._write_ahead(writer, node)
@@ -100,7 +106,9 @@ class ModelFunctions:
         sums.write(writer.scope, store)
 
     def step(self) -> ModelFunction:
-        """One step forward: states at t+1, loss terms, values for the reverse step."""
+        """The C function of one step forward: states at t+1, loss terms, and values for the reverse
+        step.
+        """
         memory, step = self._memory, self._memory.step
         writer = LaneWriter(memory, self._forward, self._functions)
         results = [
@@ -143,7 +151,9 @@ class ModelFunctions:
         return self._made(writer, "kernel_step", passed, "One step forward.")
 
     def reverse_step(self) -> ModelFunction:
-        """Adjoints at t from those at t+1."""
+        """The C function of one step backward: adjoints at t from those at t+1, and terms of
+        gradients.
+        """
         memory, phases = self._memory, self._memory.phases
         writer = LaneWriter(memory, self._reverse, self._functions)
         found = memory.step.reverse_step.gradients
@@ -183,7 +193,8 @@ class ModelFunctions:
         return self._made(writer, "kernel_reverse_step", passed, "Adjoints at t from those at t+1.")
 
     def after(self) -> ModelFunction:
-        """Gradients of parameters that are sums over time of products of rows.
+        """The C function, run after the reverse loop, that adds gradients which are sums of
+        products over time.
 
         A product that is stored in rows can be a factor of another; its own factors are stored too.
         """
@@ -213,7 +224,7 @@ class ModelFunctions:
         sums.write(writer.scope, store)
 
     def reverse_start(self) -> ModelFunction:
-        """Adds the gradients of parameters through the states at t0."""
+        """The C function that adds the gradients of parameters through the states at t0."""
         reverse = self._memory.step.reverse_start
         writer = LaneWriter(self._memory, reverse.graph, self._functions)
         gradients = reverse.gradients.parameters

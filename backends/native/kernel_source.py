@@ -245,7 +245,7 @@ def _argument_text(value: object) -> str:
 
 
 def _said(value: object) -> object:
-    """An argument without the parts that do not affect the source."""
+    """The argument of a cached function without the parts that do not affect the source."""
     if isinstance(value, Program):
         return replace(value, parameters=tuple(map(_any_value, value.parameters)), spec_hash="")
     if isinstance(value, Sensitivities):

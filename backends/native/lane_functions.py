@@ -162,7 +162,9 @@ class LaneWriter:
         self._add_value(value, newest)
 
     def factors(self, product: Node) -> list[Factor]:
-        """The operands of a product or contraction, as views of rows over time."""
+        """The operands of a product or contraction, each as its places in arrays over time at times
+        0 and 1.
+        """
         args = product.args
         until = Graph(self.graph.nodes[: max(args) + 1])
         moved: list[list[ArrayView]] = []

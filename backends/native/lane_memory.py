@@ -30,7 +30,8 @@ def _shape(axes: tuple[Axis, ...]) -> tuple[int, ...]:
 
 @dataclass(frozen=True, slots=True)
 class LaneTape:
-    """Rows of samples of one lane group, one row of `elements` per time, oldest first.
+    """A C array with one row of `elements` values per time, oldest first, for one group of
+    rollouts.
 
     A function for time t gets a pointer to the row of sample t+`first`.
     """
@@ -42,8 +43,8 @@ class LaneTape:
     """Offset from t of the last row that is used at t."""
 
     def place(self, shape: tuple[int, ...], first: int, count: int | None) -> ArrayView:
-        """Samples t+first … (`count` of them as the last axis of the shape; None for one
-        sample).
+        """A view of samples from t+first on: `count` of them along the last axis of `shape`, None
+        for one sample.
         """
         # One row per time: t+k is at a fixed distance without modulo, and a window is a view that
         # overlaps that of the previous step.
@@ -56,7 +57,7 @@ class LaneTape:
 
 @dataclass(frozen=True)
 class LaneMemory:
-    """All arrays of one program's kernel."""
+    """The layout of all C arrays of one training kernel."""
 
     step: TrainingStep
 
@@ -130,7 +131,7 @@ class LaneMemory:
 
     @cached_property
     def rows(self) -> dict[NodeId, LaneTape]:
-        """Rows over time of stored nodes."""
+        """The arrays over time of nodes that the forward or reverse step stores for later loops."""
         reverse = self.step.reverse_step.graph
         return {
             node: LaneTape(f"row_{node}", reverse[node].type.size, 0, 0)
@@ -139,7 +140,9 @@ class LaneMemory:
 
     @cached_property
     def late_adjoints(self) -> dict[LateAdjoint, LaneTape]:
-        """Sources over time, latest time first; at t the newest becomes row n."""
+        """The arrays of the sources of late adjoints, latest time first; at t the newest becomes
+        row n.
+        """
         reverse = self.step.reverse_step.graph
         return {
             adjoint: LaneTape(

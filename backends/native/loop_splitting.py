@@ -116,7 +116,7 @@ class Addends:
         self._demands = use_counts(graph, roots)
 
     def of(self, node: NodeId) -> list[NodeId]:
-        """The nodes whose sum the node is."""
+        """The nodes whose sum the node is; the node itself if it is no sum."""
         found: list[NodeId] = []
         waiting = [node]
         while waiting:
@@ -142,14 +142,16 @@ def is_zero(graph: Graph, node: NodeId) -> bool:
 
 
 class _Room:
-    """The memory for rows per step."""
+    """The remaining memory, in elements per step, for values that are stored over time."""
 
     def __init__(self) -> None:
         self._left = _MOST_ELEMENTS
         self._taken: set[NodeId] = set()
 
     def take(self, graph: Graph, nodes: Iterable[NodeId]) -> bool:
-        """Reserves the elements of these nodes if there is room for all."""
+        """Reserves memory for the values of these nodes; False, with nothing reserved, if there is
+        too little.
+        """
         # a factor of two late gradients needs one row
         new = [node for node in nodes if node not in self._taken]
         size = sum(graph[node].type.size for node in new)
@@ -161,7 +163,10 @@ class _Room:
 
 
 def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
-    """The contractions of parameters with recorded samples."""
+    """The sums of products of two leaves, one of them recorded samples, which need no state.
+
+    They are computed for all times before the loop, as far as `room` has memory for them.
+    """
     graph = step.program.step
     losses = [node for term in step.losses for node in (term.total, term.count)]
     results = [state.next for state in step.program.states]
@@ -289,7 +294,11 @@ def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LateAdjoint:
-    """A term of the adjoint of a buffer: source · taps at every sample in the buffer."""
+    """A term of the adjoint of a buffer that is the product of a value per step and a parameter.
+
+    Every sample in the buffer gets source · taps. The terms of one sample come from several steps,
+    so they are added when the backward loop reaches the sample.
+    """
 
     state: str
     addend: NodeId
@@ -304,8 +313,8 @@ class LateAdjoint:
 
 
 def late_adjoints(step: TrainingStep) -> tuple[LateAdjoint, ...]:
-    """The terms that can be computed late; none if the start has gradients by adjoints of
-    buffers.
+    """The terms of adjoints of buffers that can be added late; none if the start has gradients of
+    parameters.
     """
     # the start needs the adjoint of every initial sample of the buffer, but late adjoints are
     # complete for the newest sample only

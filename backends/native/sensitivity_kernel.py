@@ -255,7 +255,9 @@ class _Summed:
 
 
 def _whole(products: FloatArray, numbers: int) -> FloatArray:
-    """[J r]ᵀ[J r]: the kernel sums blocks of the lower triangle; the rest follows by symmetry."""
+    """[J r]ᵀ[J r] as a full symmetric matrix, from the blocks of its lower triangle that the kernel
+    sums.
+    """
     lower = np.tril(products[..., : numbers + 1, : numbers + 1])
     return lower + np.swapaxes(np.tril(lower, -1), -1, -2)
 

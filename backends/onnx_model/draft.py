@@ -44,7 +44,9 @@ _ELEMENTS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Draft:
-    """An expanded program with its ports, their names, the weights and the precision."""
+    """A program prepared for ONNX: functions that ONNX lacks are expanded, ports and weights are
+    listed.
+    """
 
     program: Program
     interface: StepInterface
@@ -54,8 +56,9 @@ class Draft:
 
     @staticmethod
     def of(program: Program, weights: Mapping[str, ArrayLike] | None, dtype: DTypeLike) -> Draft:
-        """Raises ValueError for a dtype other than float32 and float64, or a weight of a wrong
-        shape.
+        """Prepares a program; without `weights` parameters have their initial values.
+
+        Raises ValueError for a dtype other than float32 and float64, or a weight of a wrong shape.
         """
         real = np.dtype(dtype)
         if real not in _ELEMENTS:

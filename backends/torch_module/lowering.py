@@ -21,7 +21,9 @@ from compiler.passes.guard_derivatives import guard_infinite_slopes, guard_untak
 
 @dataclass(frozen=True, slots=True)
 class GivenNode:
-    """A value that another lowered graph has computed, by its node of the IR graph."""
+    """A value that other code has already computed, by its node id; the lowered code takes it as an
+    argument.
+    """
 
     node: NodeId
 

@@ -46,7 +46,10 @@ class TorchStep:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Physical parameters and values that depend on them only; computed once for all steps."""
+    """The physical parameters of a batch, and all values that depend on parameters only.
+
+    They are computed once for all steps, by node of the step and of the start graph.
+    """
 
     physical: dict[str, Tensor]
     step: dict[NodeId, Tensor]
@@ -231,14 +234,14 @@ class TorchModel(nn.Module):
         return self.step_on(gathered(log, t), states, self.frame(), len(t))
 
     def start_on(self, windows: Windows, frame: Frame, batch: int) -> dict[str, Tensor]:
-        """`start` with windows and a frame from the caller."""
+        """Like `start`, for windows that the caller has taken from the log, and a frame."""
         values = self._start.run(windows, {}, frame.physical, frame.start, batch)
         return {state.name: value for state, value in zip(self.program.states, values, strict=True)}
 
     def step_on(
         self, windows: Windows, states: Mapping[str, Tensor], frame: Frame, batch: int
     ) -> TorchStep:
-        """`step` with windows and a frame from the caller."""
+        """Like `step`, for windows that the caller has taken from the log, and a frame."""
         values = iter(self._step.run(windows, states, frame.physical, frame.step, batch))
         outputs = {output.name: next(values) for output in self.program.outputs}
         next_states = {state.name: next(values) for state in self.program.states}
@@ -256,7 +259,7 @@ def _rounds(parameter: Parameter) -> bool:
 
 
 def gathered(log: Mapping[str, Tensor], t: Tensor) -> Windows:
-    """Windows taken from whole logs around the rows `t`."""
+    """For each signal read of a graph, the windows of the logs around the rows `t`, batch first."""
 
     def windows(signal: str, first: int, last: int) -> Tensor:
         # rows of each member: (B, window), then the window last (R1)

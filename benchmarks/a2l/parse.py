@@ -31,7 +31,7 @@ GALLERY = Path(__file__).resolve().parents[2] / "examples" / "gallery"
 
 
 def texts(spec: Path) -> Iterator[tuple[str, str]]:
-    """The files of a spec by what was asked for."""
+    """Yields the ASAP2 files of a spec, each with the options of its export."""
     for settings in (
         ["dtype=float32"],
         ["dtype=float64"],

@@ -31,7 +31,7 @@ STEEP = 1e-4
 
 @dataclass(frozen=True)
 class Fit:
-    """Where a method ended, and what it took."""
+    """The result of a method: its final point, loss and number of Jacobians."""
 
     x: Array
     loss: float
@@ -45,20 +45,20 @@ class Fit:
 
 
 class _Squares:
-    """The products of one problem, as the engine asks kernels for them."""
+    """The residuals and Jacobian of a problem in numpy, in the form that the engine needs."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self.jacobians = self.losses = 0
 
     def check(self, runs: Runs, weights: Mapping[str, Array]) -> None:
-        """Nothing: numpy computes."""
+        """Does nothing: numpy needs no check."""
 
     def write(self, series: Mapping[str, Array], *, watched: bool) -> None:
-        """Nothing: no run has a start."""
+        """Does nothing: the problem has no initial states."""
 
     def products(self, runs: Runs, weights: Mapping[str, Array]) -> dict[str, Products]:
-        """JᵀJ and Jᵀr."""
+        """JᵀJ and Jᵀr of the problem at these parameters."""
         self.jacobians += 1
         x = _vector(weights)
         r, j = self._problem.residual(x), self._problem.jacobian(x)
@@ -67,7 +67,7 @@ class _Squares:
             return {"fit": Products(j.T @ j, j.T @ r, cost, cost, float(len(r)))}
 
     def train_costs(self, runs: Runs, weights: Mapping[str, Array]) -> dict[str, LossSum]:
-        """rᵀr."""
+        """rᵀr of the problem at these parameters."""
         self.losses += 1
         r = self._problem.residual(_vector(weights))
         with np.errstate(all="ignore"):
@@ -82,7 +82,7 @@ def _vector(weights: Mapping[str, Array]) -> Array:
 
 @cache
 def _plan(low: tuple[float, ...], high: tuple[float, ...]) -> StagePlan:
-    """A stage that learns numbers b1, b2, … within these bounds."""
+    """A stage that learns parameters b1, b2, … within these bounds."""
     names = [f"b{i + 1}" for i in range(len(low))]
     entries: list[str] = []
     for name, least, most in zip(names, low, high, strict=True):
@@ -104,7 +104,7 @@ def _plan(low: tuple[float, ...], high: tuple[float, ...]) -> StagePlan:
 
 
 def by_msnn(problem: Problem, x: Array, *, most: int = MOST_JACOBIANS) -> Fit:
-    """The steps of `levenberg_marquardt` from a point."""
+    """Fits a problem from a point by `levenberg_marquardt`."""
     plan = _plan(tuple(map(float, problem.low)), tuple(map(float, problem.high)))
     squares = _Squares(problem)
     given = {f"b{i + 1}": np.array(value) for i, value in enumerate(x)}
@@ -128,7 +128,9 @@ def by_msnn(problem: Problem, x: Array, *, most: int = MOST_JACOBIANS) -> Fit:
 
 
 def by_scipy(problem: Problem, x: Array, method: str = "trf", most: int = MOST_JACOBIANS) -> Fit:
-    """`scipy.optimize.least_squares`; its `lm` knows no bounds."""
+    """Fits a problem from a point by `scipy.optimize.least_squares`; its method `lm` ignores
+    bounds.
+    """
     jacobians = 0
 
     def jacobian(at: Array) -> Array:
@@ -158,7 +160,7 @@ def by_scipy(problem: Problem, x: Array, method: str = "trf", most: int = MOST_J
 
 
 def without_bounds(problem: Problem) -> Problem:
-    """The same squares over all real numbers."""
+    """The same problem without bounds."""
     free = np.full(len(problem.low), np.inf)
     return Problem(
         name=problem.name,
@@ -172,7 +174,9 @@ def without_bounds(problem: Problem) -> Problem:
 
 
 def is_wrongly_converged(problem: Problem, fit: Fit, least: float) -> bool:
-    """True if it says converged, has a derivative along which it could go on, and trf does so."""
+    """True if a fit reports convergence although its loss can decrease further, as scipy's `trf`
+    shows.
+    """
     if fit.ended != "converged" or fit.reached(least) or steepness(problem, fit.x) <= STEEP:
         return False
     return by_scipy(problem, fit.x).loss < fit.loss / CLOSE

@@ -42,7 +42,7 @@ class Problem:
     on_bound: bool = False
 
     def residual(self, x: Array) -> Array:
-        """Predictions less data; NaN where the model is not defined."""
+        """Predictions minus data at the parameters x; NaN where the model is undefined."""
         with np.errstate(all="ignore"):
             return np.real(self.model(np.asarray(x, float)[:, None])) - self.target
 
@@ -54,13 +54,13 @@ class Problem:
         return np.broadcast_to(found, (len(self.target), len(x)))
 
     def loss(self, x: Array) -> float:
-        """The mean square."""
+        """The mean square of the residuals at the parameters x."""
         found = self.residual(x)
         return float(found @ found) / len(found)
 
 
 def root(value: Numbers) -> Numbers:
-    """The square root; NaN of what is negative, as in real arithmetic."""
+    """The square root; NaN for negative numbers."""
     return np.where(np.real(value) < 0.0, np.nan, np.sqrt(value))
 
 

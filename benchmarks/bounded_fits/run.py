@@ -45,7 +45,7 @@ FAR = 12
 
 @dataclass
 class Row:
-    """What one method did on all problems."""
+    """The counts of one method over all problems."""
 
     pairs: list[str] = field(default_factory=list[str])
     reached: list[bool] = field(default_factory=list[bool])
@@ -58,7 +58,7 @@ class Row:
     losses: list[int] = field(default_factory=list[int])
 
     def add(self, problem: Problem, place: int, fit: Fit, least: float) -> None:
-        """Counts a fit from the point of this place."""
+        """Adds a fit that began at the initial point with index `place`."""
         reached = fit.reached(least)
         self.pairs.append(f"{problem.name} {place + 1}")
         self.reached.append(reached)
@@ -90,7 +90,7 @@ HEADER = (
 
 
 def least_loss(problem: Problem, fits: list[Fit]) -> float:
-    """The least that is known, of these fits and of others from around the known values."""
+    """The lowest known loss: of these fits, and of others from points around the known values."""
     random = np.random.Generator(np.random.Philox(5))
     inner = 1e-3 * (problem.high - problem.low)
     low, high = problem.low + inner, problem.high - inner
@@ -153,7 +153,7 @@ def _count(problem: Problem, points: Sequence[Array], rows: dict[str, Row], meth
 
 
 def _alone(rows: dict[str, Row]) -> str:
-    """The pairs of problem and point that one of two methods reaches alone."""
+    """Text about pairs of problem and initial point that only one of two methods solves."""
     lines: list[str] = []
     for (name, one), (_, other) in zip(rows.items(), reversed(rows.items()), strict=True):
         both = zip(one.pairs, one.reached, other.reached, strict=True)

@@ -39,7 +39,7 @@ signals, a file of {size:.0f} MB. It takes {processor:.1f} s of the processor an
 
 
 def main() -> None:
-    """Prints what it takes."""
+    """Measures, and prints time and memory."""
     parser = argparse.ArgumentParser(description="Measures `msnn data`.")
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def record(file: Path) -> None:
-    """A first-order lag driven by steps and a slow wave, with noise."""
+    """Writes a recording of a first-order system, driven by steps and a slow wave, with noise."""
     random = np.random.default_rng(3)
     power = np.repeat(random.uniform(0, 200, ROWS // 100), 100)
     air = 290 + 3 * np.sin(np.arange(ROWS) / 5000) + 0.2 * random.standard_normal(ROWS)
@@ -71,7 +71,7 @@ def record(file: Path) -> None:
 
 
 def taken(words: list[str], folder: Path) -> tuple[float, int]:
-    """Seconds of the processor and bytes of memory, at most, of a command of msnn."""
+    """CPU seconds and the peak of memory in bytes of a command of msnn."""
     command = [sys.executable, "-c", "from msnn.cli.main import main; main()", *words]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     process = subprocess.Popen(

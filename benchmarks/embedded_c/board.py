@@ -22,7 +22,7 @@ STEPS = 2000
 
 @dataclass(frozen=True, slots=True)
 class OnBoard:
-    """Instructions of a step with its call, and bytes beyond those of an empty program."""
+    """The instructions of a step including its call, and bytes in addition to an empty program."""
 
     level: str
     least: int
@@ -40,7 +40,7 @@ class OnBoard:
 
 
 def measured(contender: Contender, folder: Path) -> list[OnBoard]:
-    """The contender at every level."""
+    """Measures a tool's code at every optimisation level."""
     return [_measured(contender, level, folder / f"board{level}") for level in LEVELS]
 
 
@@ -83,7 +83,7 @@ def _build(contender: Contender | None, level: str, folder: Path) -> Path:
 
 
 def _run(program: Path) -> tuple[list[int], NDArray[np.float32]]:
-    """Instructions of every step, and what the board wrote."""
+    """Runs a program; returns the instructions of every step, and the outputs."""
     folder = program.parent
     plugin = folder / "plugin.so"
     _tool(["gcc", "-O1", "-fPIC", "-shared", TEMPLATES / "instructions_plugin.c", "-o", plugin])
@@ -99,7 +99,7 @@ def _run(program: Path) -> tuple[list[int], NDArray[np.float32]]:
 
 
 def _size(program: Path) -> list[int]:
-    """Bytes of text with constants, .data and .bss."""
+    """Bytes of a program: code with constants (text), .data and .bss."""
     return [int(n) for n in _tool(["arm-none-eabi-size", program]).splitlines()[1].split()[:3]]
 
 

@@ -1,4 +1,6 @@
-"""The reference model as a user of CasADi or ONNX would write it: lean, with the same values."""
+"""Writes the reference model by hand for CasADi and for ONNX, as small as possible, with the same
+values.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ _STEP = 0.05
 
 
 def casadi_step(program: Program) -> casadi.Function:
-    """Of u, v and 24 old samples: the speed twice (output, next state), the next samples."""
+    """A function of u, v and 24 old samples that returns the speed (as output and state) and the
+    next samples.
+    """
     values = _values(program)
     u, v, h = (casadi.SX.sym(name, n) for name, n in (("u", 1), ("v", 1), ("h", 24)))
     window = casadi.vertcat(h, u)
@@ -33,7 +37,7 @@ def casadi_step(program: Program) -> casadi.Function:
 
 
 def write_onnx_step(program: Program, path: Path) -> Path:
-    """The same ports as an ONNX model of 20 nodes."""
+    """Writes a step with the same ports as an ONNX model of 20 nodes."""
     values = {name: array.astype(np.float32) for name, array in _values(program).items()}
     numbers = {
         "W": values["command.weight"],
@@ -79,7 +83,7 @@ def _values(program: Program) -> dict[str, NDArray[np.float64]]:
 
 
 def _nodes(text: str) -> Sequence[onnx.NodeProto]:
-    """`Op operand operand -> result; …`"""
+    """ONNX nodes from a text `Op operand operand -> result; …`."""
     made: list[onnx.NodeProto] = []
     for part in text.split("; "):
         head, result = part.split(" -> ")

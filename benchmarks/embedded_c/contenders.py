@@ -1,4 +1,4 @@
-"""The same model as C from each tool, and the few lines that call its step with one input."""
+"""Generates C of the same model with each tool, and the lines that call its step with one input."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SPEC = Path(__file__).parents[2] / "examples" / "gallery" / "reference.msnn.yaml
 
 @dataclass(frozen=True, slots=True)
 class Contender:
-    """Sources of one tool's code, and a folder that holds `glue.h`."""
+    """The sources of one tool's code, and a folder with `glue.h`, which calls it."""
 
     name: str
     folder: Path
@@ -38,18 +38,18 @@ class Contender:
 
 
 def contenders(folder: Path, emx: Path) -> list[Contender]:
-    """The model by every tool; `emx` is the command of emx-onnx-cgen."""
+    """Generates the model by every tool; `emx` is the command of emx-onnx-cgen."""
     program = _reference()
     return [*_own(program, folder), *_casadi(program, folder), *_emx(program, folder, emx)]
 
 
 def onnx_file(folder: Path) -> Path:
-    """The step that emx-onnx-cgen and onnxruntime read."""
+    """Writes the ONNX model that emx-onnx-cgen and onnxruntime read."""
     return folder / "onnx" / "reference.onnx"
 
 
 def _reference() -> Program:
-    """The model in step form; its input is trusted, as the rivals do."""
+    """The model in step form; its input is not checked, as in the code of the other tools."""
     return to_step_form(prune_outputs(msnn.load(SPEC).program, ["v_next"]))
 
 
@@ -107,9 +107,9 @@ static inline float bench_step(float u)
 
 
 def _casadi(program: Program, folder: Path) -> list[Contender]:
-    """CasADi's code in single precision, of msnn's export and of a function written by hand.
+    """C by CasADi in single precision, from msnn's export and from a function written by hand.
 
-    Its code calls functions of double precision; the third one has the macros and the flag that
+    CasADi's code calls functions of double precision; the third variant has macros and a flag that
     make them single.
     """
     function = build_function(program)
@@ -156,7 +156,7 @@ static inline float bench_step(float u)
 
 
 def _emx(program: Program, folder: Path, emx: Path) -> list[Contender]:
-    """emx-onnx-cgen's code of msnn's export, and of a lean graph written by hand."""
+    """C by emx-onnx-cgen, from msnn's export and from a small graph written by hand."""
     write_onnx(program, {}, onnx_file(folder).parent, "reference", "float32")
     by_hand = write_onnx_step(program, folder / "onnx_by_hand" / "reference.onnx")
     models = {"emx-onnx-cgen, exported": onnx_file(folder), "emx-onnx-cgen by hand": by_hand}

@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def _rows(name: str, found: Verification) -> list[list[str]]:
-    """The figures at -Os, and on the first row what was found anywhere."""
+    """The measurements at -Os; the first row also has all findings."""
     rows: list[list[str]] = []
     for board in _BOARDS:
         for figures in _figures(found, board):

@@ -1,4 +1,4 @@
-"""Nanoseconds a step on this machine: the generated C, and onnxruntime called from Python."""
+"""Measures nanoseconds per step on this machine, of generated C and of onnxruntime."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from contenders import Contender
 
 
 def host_nanoseconds(contender: Contender, folder: Path) -> float:
-    """The best level of gcc."""
+    """Nanoseconds per step at the fastest optimisation level of gcc."""
     times: list[float] = []
     for level in LEVELS:
         program = folder / f"host{level}"
@@ -27,7 +27,7 @@ def host_nanoseconds(contender: Contender, folder: Path) -> float:
 
 
 def onnxruntime_nanoseconds(model: Path, calls: int = 20_000) -> float:
-    """One call after the other, on one thread."""
+    """Nanoseconds per call from Python, on one thread."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(model, options)

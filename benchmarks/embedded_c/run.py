@@ -38,7 +38,7 @@ Row = tuple[Contender, list[OnBoard], float]
 
 
 def _table(rows: list[Row]) -> str:
-    """Every contender at its level of fewest instructions, and at that of least flash."""
+    """A table with each tool at the levels with fewest instructions and with least flash."""
     head = ["tool", "level", "instructions (least, most)", "flash", "RAM", ".data", "stack"]
     lines = [[*head, "ns here", "largest difference"]]
     reference = rows[0][1][0].outputs.astype(float)
@@ -63,7 +63,9 @@ def _ruled(lines: list[list[str]]) -> list[list[str]]:
 
 
 def _verdict(rows: list[Row]) -> str:
-    """The share of each of ours in the best rival, and in the best that nobody corrected."""
+    """Text with the ratio of msnn's code to the best other one, with manual corrections and
+    without.
+    """
     rivals = [(_best(found, "mean").mean, c) for c, found, _ in rows if not c.own]
     lines: list[str] = []
     for kind, chosen in (

@@ -65,7 +65,7 @@ grows by at most {growth} KiB.
 
 @dataclass(frozen=True)
 class Measured:
-    """What was found of one model."""
+    """The measurements of one model."""
 
     name: str
     differing: int
@@ -120,7 +120,7 @@ def main() -> int:
 
 
 def model(name: str, dtype: FloatType, folder: Path) -> Measured:
-    """A spec of the gallery."""
+    """Exports and measures a spec of the gallery."""
     found: list[dict[str, bytes]] = []
     written: Written | None = None
     for target in ("c", "fmu"):
@@ -139,7 +139,7 @@ def model(name: str, dtype: FloatType, folder: Path) -> Measured:
 
 
 def online(name: str, dtype: FloatType, folder: Path, solves: int) -> list[Measured]:
-    """A controller or an estimator, or both."""
+    """Exports and measures a controller, an estimator, or both."""
     text = SPECS.get(name)
     if text is None:
         PROBLEMS[name].model(name, folder)
@@ -159,7 +159,7 @@ def online(name: str, dtype: FloatType, folder: Path, solves: int) -> list[Measu
 
 
 def drawn(unit: FmuInstance, step: int) -> None:
-    """Other inputs at each step."""
+    """Sets random inputs of a step."""
     random = np.random.default_rng(step % 64)
     for variable in unit.description.modelVariables:
         if variable.causality == "input":
@@ -168,7 +168,7 @@ def drawn(unit: FmuInstance, step: int) -> None:
 
 
 def told(name: str, differing: int, units: list[Path], given: Set, steps: int) -> Measured:
-    """What was found of one model, which it prints."""
+    """Measures the units of one model, and prints the result."""
     with ExitStack() as stack:
         pairs = [[stack.enter_context(fmu_instance(path)) for _ in "ab"] for path in units]
         in_turn = sum(not alone_and_in_turn(one, other, given) for one, other in pairs)
@@ -191,7 +191,7 @@ def told(name: str, differing: int, units: list[Path], given: Set, steps: int) -
 
 
 def stepped(unit: FmuInstance, given: Set, first: int, end: int) -> list[bytes]:
-    """The whole state after each step."""
+    """The complete serialised state after each step."""
     every = float(unit.description.defaultExperiment.stepSize or 1.0)
     found: list[bytes] = []
     for k in range(first, end):
@@ -208,7 +208,7 @@ def begin(unit: FmuInstance, given: Set, first: int) -> None:
 
 
 def alone_and_in_turn(one: FmuInstance, other: FmuInstance, given: Set) -> bool:
-    """Whether two instances that step in turn are as each alone."""
+    """True if two instances that step alternately compute the same as each alone."""
     alone: list[list[bytes]] = []
     for unit, first in ((one, 0), (other, 7)):
         begin(unit, given, first)
@@ -222,7 +222,7 @@ def alone_and_in_turn(one: FmuInstance, other: FmuInstance, given: Set) -> bool:
 
 
 def goes_on(one: FmuInstance, other: FmuInstance, given: Set) -> bool:
-    """Whether a state that was saved goes on with the same bits, here and in another instance."""
+    """True if a saved state continues with the same bits, in the same and in another instance."""
     begin(one, given, 0)
     stepped(one, given, 0, 10)
     state = one.state
@@ -235,7 +235,7 @@ def goes_on(one: FmuInstance, other: FmuInstance, given: Set) -> bool:
 
 
 def grown(unit: FmuInstance, given: Set, steps: int) -> int:
-    """KiB by which the process is larger after so many steps, in calls of a thousand."""
+    """KiB by which the memory of the process grows over `steps` steps."""
     every = float(unit.description.defaultExperiment.stepSize or 1.0)
     is_static = unit.description.defaultExperiment.stepSize is None
     each = 1 if is_static else 1000
@@ -249,7 +249,7 @@ def grown(unit: FmuInstance, given: Set, steps: int) -> int:
 
 
 def resident() -> int:
-    """KiB that the process holds now."""
+    """KiB of memory that the process uses now."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("VmRSS:"):
             return int(line.split()[1])

@@ -65,7 +65,7 @@ binary, numbers by their bits. Self-tests are those of the exported C, golden ve
 
 @dataclass
 class Measured:
-    """What was found of one model."""
+    """The results of one model on all machines."""
 
     name: str
     units: dict[str, int] = field(default_factory=dict[str, int])
@@ -123,7 +123,7 @@ def main() -> int:
 
 
 def specs(folder: Path) -> Iterator[tuple[str, str]]:
-    """Every name and its spec: those of the gallery, controllers, estimators."""
+    """Yields name and text of every spec: the gallery, controllers, estimators."""
     for name in NAMES:
         yield name, spec_of(GALLERY, name).read_text(encoding="utf-8")
     for name in PROBLEMS:
@@ -144,7 +144,7 @@ def on_machines(
     here: Machine,
     others: Sequence[Machine],
 ) -> Measured:
-    """One model in one type on every machine."""
+    """Runs one model in one dtype on every machine, and compares the results."""
     is_online = name not in NAMES
     units, tested = exported(text, dtype, folder, is_online)
     found = Measured(f"{name} {dtype}")
@@ -169,7 +169,7 @@ def on_machines(
 
 
 def exported(text: str, dtype: FloatType, folder: Path, is_online: bool) -> tuple[list[Path], Path]:
-    """The units, and the folder of the C."""
+    """Exports a spec; returns the paths of its FMUs, and the folder of its C code."""
     path = folder / "spec.msnn.yaml"
     path.write_text(text, encoding="utf-8")
     platforms = "platforms: [x86_64-windows, aarch64-linux]"
@@ -186,7 +186,9 @@ def exported(text: str, dtype: FloatType, folder: Path, is_online: bool) -> tupl
 
 
 def disagreements(told: list[str]) -> int:
-    """Answers that are refused, that instances share, or with which none goes on from a state."""
+    """The number of wrong answers: refused calls, shared memory, states from which a run does not
+    continue.
+    """
     one, other, alone = (of_instance(told, instance) for instance in (TURN, OTHER, ALONE))
     # one step is refused on purpose: its length is half of one
     refused = max(0, sum(line.endswith("= 3") for line in told) - 1)
@@ -198,7 +200,9 @@ def disagreements(told: list[str]) -> int:
 
 
 def self_tests(machine: Machine, code: Path, folder: Path, is_online: bool) -> Iterator[Path]:
-    """The test program of a model; one for the controller and one for the estimator."""
+    """Yields the test programs of an export: one for a model, one each for controller and
+    estimator.
+    """
     kind = machine.platform.fmi3
     if not is_online:
         yield machine.self_test(code, folder / f"{kind}.test.exe")

@@ -1,7 +1,7 @@
-"""Writes drawn data sets as files of many formats, units and clocks, with the keys that read them.
+"""Writes random data sets in many file formats, units and clocks, with the keys that read them.
 
 Values are those of the tables to the last digits: a unit, a header or a clock changes how they are
-written and nothing that should be read.
+written, but not what msnn should read.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _BEGIN = datetime(2026, 11, 22, 17)
 
 @dataclass(frozen=True)
 class Clock:
-    """How times are written: in a unit, or as dates with or without a zone."""
+    """How times are written: in a unit, or as dates with or without a time zone."""
 
     unit: tuple[str, float, float]
     zone: str | None = None
@@ -58,7 +58,7 @@ def drawn_clock(rng: random.Random) -> Clock:
 
 
 def key_text(text: str, clock: Clock) -> str:
-    """The value of a key, whose seconds are dates where the clock says so."""
+    """The text of a key's value; seconds become dates if the clock writes dates."""
     if not clock.has_dated_keys:
         return text
 
@@ -75,7 +75,9 @@ def _date(seconds: float, clock: Clock) -> str:
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of files: its name in the spec, its header, its unit and where that stands."""
+    """A column of a file: its name in the spec, its header, its unit and where the unit is
+    written.
+    """
 
     name: str
     unit: str
@@ -92,7 +94,7 @@ class _Column:
 
     @property
     def key(self) -> str:
-        """What the spec says of it."""
+        """The entry of the column in the spec."""
         place = self.name if self.number is None else str(self.number)
         _, factor, offset = _unit(self)
         how = {
@@ -109,7 +111,7 @@ def _unit(column: _Column) -> tuple[str, float, float]:
 def write_files(
     tables: Sequence[Table], clock: Clock, folder: Path, rng: random.Random
 ) -> tuple[list[str], dict[str, str]]:
-    """The names of the files that it writes, and the keys of `data:` that read them."""
+    """Writes the tables as files; returns their names, and the keys of `data:` that read them."""
     kinds = [*_TEXT, "xlsx", "parquet", "h5", "mat", "npz"]
     # arrays hold no dates
     kind = rng.choice(kinds[:6] if clock.is_date else kinds)
@@ -173,7 +175,7 @@ def _columns(kind: str, clock: Clock, rng: random.Random) -> list[_Column]:
 
 
 def _cells(values: Values, column: _Column, clock: Clock) -> list[float | str]:
-    """Numbers in the unit of the file, or dates."""
+    """The values as numbers in the unit of the file, or as dates."""
     if column.name == "t" and clock.is_date:
         return [_date(value, clock) for value in values]
     _, factor, offset = _unit(column)
@@ -189,7 +191,7 @@ def _text(
     comma: bool,
     comment: str | None,
 ) -> list[str]:
-    """The lines of a file of text."""
+    """The lines of a text file."""
     lines: list[str] = []
     if columns[0].number is None:
         lines.append(delimiter.join(column.header for column in columns))

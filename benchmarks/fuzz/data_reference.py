@@ -1,4 +1,6 @@
-"""The rows of data sets as docs/language.md says they are read: plain Python, row by row."""
+"""Reads data sets as docs/language.md defines it, in plain Python, row by row: the expected
+result.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ SPLITS = (
 
 @dataclass
 class Rows:
-    """One recording as it should be read."""
+    """The expected rows of one recording."""
 
     time: Values
     columns: dict[str, Values]
@@ -41,7 +43,7 @@ class Rows:
 def reference(
     tables: Sequence[Table], keys: dict[str, str], clock: Clock
 ) -> tuple[list[Rows], set[str]]:
-    """The recordings, or the codes of the errors."""
+    """The expected recordings of the tables, or the codes of the expected errors."""
     every = int(keys.get("every", 1))
     resamples = keys.get("resample") in ("linear", "nearest")
     chains = _chains(tables, every, resamples) if keys.get("join") else [[t] for t in tables]
@@ -74,7 +76,7 @@ def reference(
 
 
 def _chains(tables: Sequence[Table], every: int, resamples: bool) -> list[list[Table]]:
-    """Files that follow each other, each by the earliest one that does."""
+    """Groups files that follow each other in time, each with the earliest successor."""
     next_of: dict[int, int] = {}
     for i, table in enumerate(tables):
         following = [
@@ -106,12 +108,12 @@ def _usual(moments: Values) -> float:
 
 
 def _longest_step(moments: Values) -> float:
-    """A longer one is a hole."""
+    """The longest regular step of time; a longer one is a gap."""
     return 2 * max(STEP, _usual(moments)) * (1 + 1e-6)
 
 
 def _bounds(moments: Values, keys: dict[str, str], zero: float) -> tuple[int, int]:
-    """Rows between `from` and `to`; their seconds count from `zero` before the first row."""
+    """The first and last row between `from` and `to`; their seconds count from `zero`."""
     first, stop = 0, len(moments)
     for key, text in keys.items():
         if key not in ("from", "to"):
@@ -130,7 +132,7 @@ def _bounds(moments: Values, keys: dict[str, str], zero: float) -> tuple[int, in
 
 @dataclass
 class _Found:
-    """A recording before missing values and `filter:` decide."""
+    """A recording before missing values and `filter:` are applied."""
 
     rows: Rows
     covered: np.ndarray
@@ -191,7 +193,10 @@ def _resampled(part: Table, keys: dict[str, str]) -> _Found:
 
 
 def _grid(moments: Values, known: dict[str, tuple[Values, Values]]) -> Values:
-    """Begins where u begins, which no output predicts; z has half a sample time at both ends."""
+    """The expected times after resampling, from the first sample of u.
+
+    z may be extrapolated by half a sample time at both ends.
+    """
     u, z = (known[name][0] if len(known[name][0]) else moments for name in "uz")
     late = max(z[0], moments[0])
     low = u[0] + STEP * max(0, math.ceil((late - u[0]) / STEP - 0.5 - 1e-6))
@@ -216,7 +221,7 @@ def _lost_times(part: Table, name: str, at: Values) -> list[float]:
 
 
 def _is_within(moment: float, at: Values, bad: Sequence[bool] | np.ndarray) -> bool:
-    """Between the ends of a bad step, with 1 % of the sample time of slack."""
+    """True if a time is within an invalid step, with a margin of 1 % of the sample time."""
     slack = 0.01 * STEP
     return any(b and at[i] + slack < moment < at[i + 1] - slack for i, b in enumerate(bad))
 
@@ -228,7 +233,10 @@ def _value(moment: float, at: Values, values: Values, how: str) -> float:
 
 
 def _measured(grid: Values, at: Values) -> np.ndarray:
-    """Rows to which a value belongs: the nearest within half a sample time, the earlier of two."""
+    """The rows of the grid to which a value belongs: the nearest within half a sample time.
+
+    Of two equally near rows it is the earlier one.
+    """
     found = np.zeros(len(grid), bool)
     for moment in at if len(grid) else ():
         off = np.abs(grid - moment)
@@ -238,7 +246,7 @@ def _measured(grid: Values, at: Values) -> np.ndarray:
 
 
 def _kept(found: _Found, keys: dict[str, str], codes: set[str]) -> Rows | None:
-    """The recording by `filter:` and `nan:`; None where it is left out or an error."""
+    """The recording after `filter:` and `nan:`; None if it is omitted or an error."""
     rows, covered, nan = found.rows, found.covered, keys.get("nan", "error")
     count = len(rows.time)
     keep, is_known_out = np.ones(count, bool), np.zeros(count, bool)
@@ -265,7 +273,7 @@ def _kept(found: _Found, keys: dict[str, str], codes: set[str]) -> Rows | None:
 
 
 def _sets(moments: Values, index: int, recordings: int, split: str | None) -> np.ndarray:
-    """0 for train, 1 for val, 2 for test."""
+    """The expected set of each row: 0 for train, 1 for val, 2 for test."""
     count = len(moments)
     sets = np.zeros(count, int)
 

@@ -67,7 +67,9 @@ def main() -> int:
 
 
 def trial(seed: int, folder: Path) -> tuple[str | None, bool]:
-    """What differs for a seed, and whether the reference reads its files; writes them to folder."""
+    """Tests one seed in `folder`; returns the difference, and if the reference could read the
+    files.
+    """
     rng = random.Random(seed)  # noqa: S311  (repeatable, no secret)
     tables, keys = drawn_tables(rng), drawn_keys(rng)
     if rng.random() < 0.3:
@@ -92,7 +94,7 @@ def trial(seed: int, folder: Path) -> tuple[str | None, bool]:
 
 
 def drawn_tables(rng: random.Random) -> list[Table]:
-    """Files in SI units; NaN where a value is missing."""
+    """Random tables in SI units, one per file; NaN is a missing value."""
     kind = rng.choice(["even", "even", "jitter", "fast", "slow", "uneven"])
     step = {"fast": 0.037, "slow": 0.16}.get(kind, STEP)
     begin, pauses = rng.choice([0.0, 0.0, 3.2]), rng.random() < 0.3
@@ -140,7 +142,9 @@ def drawn_keys(rng: random.Random) -> dict[str, str]:
 
 
 def difference(data: Dataset, expected: Sequence[Rows]) -> str | None:
-    """The first thing that was read otherwise."""
+    """The first difference between the data that msnn read and the expected rows; None
+    without any.
+    """
     lengths = [record.stop - record.start for record in data.records]
     if lengths != [len(one.time) for one in expected]:
         return f"recordings of {lengths} rows, not {[len(one.time) for one in expected]}"

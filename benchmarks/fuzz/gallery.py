@@ -33,7 +33,7 @@ def main() -> int:
 
 
 def _fuzzed(name: str, runs: int) -> bool:
-    """Prints a row; whether nothing was found."""
+    """Fuzzes one spec and prints a row; True if nothing was found."""
     with tempfile.TemporaryDirectory() as place, redirect_stdout(sys.stderr):
         spec = str(GALLERY / f"{name}.msnn.yaml")
         if run(["export", spec, "--initial", "--to", "c", "--out", place]) != 0:

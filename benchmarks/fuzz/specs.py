@@ -80,7 +80,9 @@ def _next_seed(folder: Path) -> int:
 
 
 def _keep(folder: Path, seed: int, fault: Fault, seconds: float) -> None:
-    """Writes the finding, then a smaller spec in its place, and the weights of that."""
+    """Saves a finding: the spec, the fault, then a smaller spec with the same fault and its
+    weights.
+    """
     spec, weights_of = random_spec(seed), partial(drawn_weights, seed=seed)
     write_text(folder / "fault.txt", f"{fault.stage}: {fault.kind}\n\n{fault.detail}\n")
     for name, text in spec.texts().items():

@@ -43,7 +43,7 @@ ONCE = {"torch"}
 
 
 def main() -> None:
-    """Prints a line a contender and system."""
+    """Measures, and prints one line for each tool and system."""
     parser = argparse.ArgumentParser(description="Toolboxes of identification, side by side.")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--systems", nargs="*", default=list(SYSTEMS))
@@ -83,7 +83,7 @@ def table(
     folder: Path,
     contenders: Sequence[str],
 ) -> list[str]:
-    """The lines of a system, of rounds in which the contenders take turns; msnn is one of them."""
+    """The lines of one system; the tools take turns in each round, and msnn is one of them."""
     found: dict[str, list[dict[str, Any]]] = {contender: [] for contender in contenders}
     for number in range(rounds):
         for contender in contenders:
@@ -115,7 +115,7 @@ def table(
 def fitted(
     python: str, contender: str, name: str, file: Path, more: dict[str, str]
 ) -> dict[str, Any]:
-    """What one contender says of one system."""
+    """Runs one tool on one system in a process of its own; returns its JSON result."""
     script = Path(__file__).parent / "contenders" / f"{contender}_contender.py"
     done = subprocess.run(
         [python, script, name, file],

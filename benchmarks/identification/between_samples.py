@@ -45,7 +45,9 @@ SEEDS = (1, 2, 3)
 
 
 def multisine(random: np.random.Generator) -> Callable[[float], float]:
-    """A force of 50 N rms with all lines of the record between 5 and 150 Hz."""
+    """A force as a function of time: 50 N rms, all frequencies of the recording between 5 and 150
+    Hz.
+    """
     lines = np.arange(1, 150 * SECONDS) / SECONDS
     lines = 2 * np.pi * lines[lines >= 5]
     phases = random.uniform(0, 2 * np.pi, len(lines))
@@ -54,7 +56,7 @@ def multisine(random: np.random.Generator) -> Callable[[float], float]:
 
 
 def slope(x: Array, force: float) -> Array:
-    """y', v' and z' of the published equations, with ν = 1."""
+    """The derivatives y', v' and z' by the published equations, with ν = 1."""
     y, v, z = x
     given = TRUE["stiffness"] * y + TRUE["damping"] * v + z
     lost = TRUE["dissipation"] * abs(v) * z + TRUE["hardening"] * v * abs(z)
@@ -62,7 +64,7 @@ def slope(x: Array, force: float) -> Array:
 
 
 def record(random: np.random.Generator, rate: float) -> tuple[Array, Array]:
-    """Force and travel at every sample, from rest."""
+    """The force and the displacement at every sample, from rest."""
     force = multisine(random)
     h = 1 / rate / FINE
     x = np.zeros(3)
@@ -80,7 +82,7 @@ def record(random: np.random.Generator, rate: float) -> tuple[Array, Array]:
 
 
 def write_records(folder: Path, rate: float, seed: int) -> None:
-    """A noisy record for training, one without noise to measure on."""
+    """Writes a noisy recording for training, and one without noise for validation."""
     random = np.random.Generator(np.random.Philox(seed))
     for name, noise in (("train", 0.01), ("test", 0.0)):
         force, travel = record(random, rate)
@@ -91,7 +93,7 @@ def write_records(folder: Path, rate: float, seed: int) -> None:
 
 
 def trained(folder: Path, rate: float, between: str) -> tuple[dict[str, FloatArray], float]:
-    """What is learned, and the rms error of the travel over the whole test record."""
+    """The learned parameters, and the rms error of the displacement over the test recording."""
     settings = [f"inputs.force.between={between}", f"sample_time={rate:g} Hz"]
     model = load_model(HERE / "bouc_wen.msnn.yaml", settings)
     result = trainings.train(model, data_root=folder, runs=None)
@@ -100,7 +102,9 @@ def trained(folder: Path, rate: float, between: str) -> tuple[dict[str, FloatArr
 
 
 def measured(rate: float) -> str:
-    """A table of what both words learn, over a few draws of force and noise."""
+    """A table of the results with `hold` and with `linear`, over several draws of force and
+    noise.
+    """
     rows: list[tuple[str, ...]] = [("true", *(f"{value:.5g}" for value in TRUE.values()), "")]
     for between in ("hold", "linear"):
         for seed in SEEDS:

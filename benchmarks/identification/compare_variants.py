@@ -53,7 +53,7 @@ CASES = {
 
 
 def main() -> None:
-    """Prints a line a comparison."""
+    """Measures, and prints one line per comparison."""
     parser = argparse.ArgumentParser(description="Seconds of a comparison of 200 trainings.")
     parser.add_argument("--cases", nargs="*", choices=CASES, default=list(CASES))
     parser.add_argument("--jobs", type=int, default=2)
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def write_record(path: Path) -> None:
-    """A plate of two heat capacities, with noise."""
+    """Writes a noisy recording of a plate with two heat capacities."""
     random = np.random.default_rng(16)
     power = np.repeat(random.uniform(0, 2, ROWS // 20 + 1), 20)[:ROWS]
     inner = outer = 20.0
@@ -88,13 +88,15 @@ def write_record(path: Path) -> None:
 
 
 def adopt_orphans() -> None:
-    """Makes this process the parent of what its children leave behind, so that it counts too."""
+    """Makes this process the parent of processes whose own parent has ended, to count their time
+    too.
+    """
     if ctypes.CDLL(None, use_errno=True).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0):
         raise OSError(ctypes.get_errno(), "cannot adopt processes")
 
 
 def measured(folder: Path, arguments: list[str]) -> tuple[float, float]:
-    """Seconds of a comparison, and those of it and its children on a processor."""
+    """Seconds of a comparison, and CPU seconds of it and of its child processes."""
     paths = {"PYTHONPATH": str(ROOT), "MSNN_CACHE": str(folder / "kernels")}
     command = [sys.executable, "-m", "msnn", "compare", "plate.msnn.yaml", *arguments]
     adopt_orphans()

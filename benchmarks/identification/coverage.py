@@ -43,7 +43,7 @@ MASS = 2.0
 
 @dataclass(frozen=True)
 class System:
-    """Equations with known values, and the spec that is to find these."""
+    """A system with known parameter values, and the spec that estimates them."""
 
     spec: str
     settings: tuple[str, ...]
@@ -139,7 +139,7 @@ SYSTEMS = {
 
 
 def forces(system: System, count: int, random: np.random.Generator) -> Array:
-    """Multisines with all lines of the record inside the band, (rows, count)."""
+    """Random multisine forces with all frequencies inside the band, (rows, count)."""
     lines = np.fft.rfftfreq(system.rows, 1 / system.rate)
     inside = (lines >= system.band[0]) & (lines <= system.band[1])
     phases = random.uniform(0, 2 * np.pi, (len(lines), count))
@@ -148,7 +148,7 @@ def forces(system: System, count: int, random: np.random.Generator) -> Array:
 
 
 def travels(system: System, force: Array) -> Array:
-    """The first state at every sample from rest, of all records side by side."""
+    """The displacement at every sample from rest, for all forces together: (rows, count)."""
     h = 1 / system.rate / FINE
     x = np.zeros((system.states, force.shape[1]))
     found = np.empty_like(force)
@@ -170,7 +170,7 @@ def travels(system: System, force: Array) -> Array:
 
 @dataclass(frozen=True)
 class Repetition:
-    """What one training found, and what its intervals held."""
+    """The parameters that one training estimated, and the coverage of its intervals."""
 
     learned: Array
     errors: Array
@@ -178,7 +178,7 @@ class Repetition:
 
 
 def repetitions(name: str, count: int) -> list[Repetition]:
-    """Trainings on records of their own."""
+    """Trains `count` times, each on its own noisy recording."""
     system = SYSTEMS[name]
     random = np.random.Generator(np.random.Philox(1))
     force = forces(system, 2 * count, random)
@@ -209,7 +209,9 @@ def repetitions(name: str, count: int) -> list[Repetition]:
 
 
 def tables(count: int, systems: Sequence[str]) -> str:
-    """How often values lie where they should, of parameters and of intervals."""
+    """Tables of how often true values are in their confidence intervals, and new values in
+    prediction intervals.
+    """
     of_parameters: list[tuple[str, ...]] = []
     of_intervals: list[tuple[str, ...]] = []
     for name in systems:

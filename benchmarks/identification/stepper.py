@@ -1,6 +1,6 @@
-"""Measures what a call of `msnn.stepper(…).step` takes, beside the same step in the interpreter.
+"""Measures the time of a call of `msnn.stepper(…).step`, compared with the interpreter.
 
-python benchmarks/identification/stepper.py [--write]    # writes stepper.md
+python benchmarks/identification/stepper.py [--write] # writes stepper.md
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ INPUTS: dict[str, dict[str, object]] = {
 
 
 def main() -> None:
-    """Prints a row a model."""
+    """Measures, and prints one row per model."""
     parser = argparse.ArgumentParser(description="Measures steps from Python.")
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
@@ -94,7 +94,7 @@ def main() -> None:
 
 
 def microseconds(stepper: Stepper, inputs: dict[str, object], count: int) -> float:
-    """The median of five runs of so many steps, in time of a processor, whatever else runs."""
+    """CPU time per step: the median of five runs of `count` steps."""
 
     def run() -> float:
         began = time.process_time()

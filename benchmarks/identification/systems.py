@@ -1,6 +1,6 @@
-"""Describes the systems that toolboxes identify, in plain arithmetic that every one of them takes.
+"""Defines the systems that the tools identify, in plain arithmetic that every tool accepts.
 
-The peers run this file in environments of their own: it needs numpy and nothing of the project.
+The other tools run this file in their own environments: it needs numpy and nothing of the project.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ NOISE = 0.01
 
 @dataclass(frozen=True)
 class System:
-    """Right-hand sides, true values, and how far the first guesses are off."""
+    """The equations of a system, its true parameter values, and the error of the initial
+    guesses.
+    """
 
     derivatives: Callable[[Any, Sequence[Any], Any, Sequence[Any]], list[Any]]
     """Of a module with abs, sqrt, tanh and maximum, the states, the input and the parameters."""
@@ -58,7 +60,7 @@ def van_der_pol(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]
 
 
 def two_tanks(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
-    """A tank above another; what overflows the upper one is lost in part."""
+    """Two tanks, one above the other; a part of the upper one's overflow is lost."""
     pump, upper, lower, overflow = p
     first, second = m.sqrt(m.maximum(x[0], 1e-3)), m.sqrt(m.maximum(x[1], 1e-3))
     over = m.maximum(x[0] - 1.0, 0.0)
@@ -76,7 +78,7 @@ def bouc_wen(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
 
 
 def wiener_hammerstein(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
-    """A resonant filter, a diode that takes a part of what is beyond its knee, a slow filter."""
+    """A resonant filter, a diode that reduces values above a threshold, and a slow filter."""
     frequency, ratio, knee, loss, corner = p
     bent = x[0] - loss * m.maximum(x[0] - knee, 0.0)
     return [
@@ -141,7 +143,7 @@ SYSTEMS = {
 def step(
     system: System, m: Any, x: Sequence[Any], u: Any, p: Sequence[Any], dt: float
 ) -> list[Any]:
-    """One step of Runge and Kutta with the input held, as every contender takes it."""
+    """One Runge-Kutta step of order 4 with constant input, which every tool uses."""
     first = system.derivatives(m, x, u, p)
     second = system.derivatives(m, [a + dt / 2 * b for a, b in zip(x, first, strict=True)], u, p)
     third = system.derivatives(m, [a + dt / 2 * b for a, b in zip(x, second, strict=True)], u, p)
@@ -153,10 +155,11 @@ def step(
 
 
 def measured_records(file: Path) -> dict[str, np.ndarray]:
-    """Of the drone, three fifths to train on and two to test on: 20 to 80 s, every fifth sample.
+    """The measured recording of the drone: 20 to 80 s, every fifth sample, 3/5 to train and 2/5 to
+    test.
 
-    The command is the median of three, without spikes of one sample. "Clean" is what was measured,
-    so that the table has its error; a degree counts as noise.
+    The command is the median of three samples, which removes spikes. "Clean" is the measurement
+    itself, so that the table has an error; one degree counts as noise.
     """
     time, _, angle, command = np.loadtxt(file, delimiter=",", skiprows=1).T
     kept = (time >= 20.0) & (time <= 80.0)
@@ -194,13 +197,15 @@ def records(system: System, seed: int) -> dict[str, np.ndarray]:
 
 
 def processor_seconds() -> float:
-    """What this process and those that it waited for have computed, whatever else runs."""
+    """CPU seconds of this process and of those that it waited for."""
     both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(each.ru_utime + each.ru_stime for each in both)
 
 
 def beginning(fit: int) -> tuple[float, float]:
-    """The clock and the seconds of processors at which a fit begins: the first with its process."""
+    """The clock and the CPU seconds at which a fit begins; the first fit begins with its
+    process.
+    """
     now = time.perf_counter()
     if fit:
         return now, processor_seconds()
@@ -208,5 +213,5 @@ def beginning(fit: int) -> tuple[float, float]:
 
 
 def first_values(system: System) -> np.ndarray:
-    """The guesses that every contender begins at."""
+    """The initial guesses of the parameters, the same for every tool."""
     return np.array(list(system.true.values())) * np.array(system.guesses)

@@ -28,7 +28,7 @@ train:
 
 
 def main() -> None:
-    """Prints a line a training."""
+    """Measures, and prints one line per training."""
     parser = argparse.ArgumentParser(description="Seconds and memory of training on a long record.")
     parser.add_argument("--rows", type=int, default=1_000_000)
     parser.add_argument("--epochs", type=int, default=10)

@@ -53,7 +53,7 @@ validate:
 
 
 def main() -> None:
-    """Prints a line a command."""
+    """Measures, and prints one line per command."""
     parser = argparse.ArgumentParser(description="Seconds and memory of a long record.")
     parser.add_argument("--rows", type=int, default=1_000_000)
     parser.add_argument("--engines", nargs="*", default=["native", "interpreter"])
@@ -78,7 +78,9 @@ def main() -> None:
 
 
 def write_record(path: Path, rows: int) -> None:
-    """The system with other coefficients than the spec's, under steps of a random force."""
+    """Writes a simulated recording; its coefficients differ from the spec's, and its force has
+    random steps.
+    """
     random = np.random.default_rng(16)
     force = np.repeat(random.uniform(-20, 20, rows // 50 + 1), 50)[:rows]
     x = v = z = 0.0
@@ -95,7 +97,7 @@ def write_record(path: Path, rows: int) -> None:
 
 
 def measured(folder: Path, arguments: list[str]) -> tuple[float, float, float]:
-    """Seconds, those of a processor, and the peak of memory in MB of one command."""
+    """Seconds, CPU seconds, and the peak of memory in MB of one command."""
     command = [sys.executable, "-m", "msnn", *arguments]
     paths = {"PYTHONPATH": str(ROOT), "MSNN_CACHE": str(folder / "kernels")}
     began = time.perf_counter()

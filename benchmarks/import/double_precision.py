@@ -48,7 +48,11 @@ def main() -> None:
 def in_double(
     recorded: dict[str, object], name: str, *, begins_loops: bool
 ) -> dict[str, object] | str:
-    """The record with the outputs of doubles; `name` is what its log was drawn by."""
+    """The recorded model with outputs in double precision, or a text with the reason why there are
+    none.
+
+    `name` determines how its data were drawn.
+    """
     clearNames()
     m = Modely(visualizer=None)
     with tempfile.TemporaryDirectory() as place:

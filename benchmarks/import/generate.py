@@ -107,7 +107,7 @@ def tests_of(python: Path) -> Path:
 
 
 def unpack(folder: Path) -> None:
-    """Writes what the tests read as the peer's worker would have."""
+    """Writes the saved models that the tests read, as the worker in nnodely's environment would."""
     for name in ("layers", "drawn"):
         records = json.loads(gzip.decompress((RECORDS / f"{name}.json.gz").read_bytes()))
         for model, kept in records.items():
@@ -115,7 +115,7 @@ def unpack(folder: Path) -> None:
 
 
 def report(folder: Path) -> str:
-    """How far imports are from the peer, and how long they took."""
+    """Text about the errors of imports against nnodely, and how long they took."""
     lines: list[str] = []
     far: list[tuple[float, str]] = []
     took: dict[str, float] = {}
@@ -164,7 +164,7 @@ def _first(fault: SpecError) -> str:
 
 
 def in_doubles(folder: Path, names: list[str]) -> dict[str, Mapping[str, NDArray[np.float64]]]:
-    """What the peer's own code gives in double precision, for the models that it can load."""
+    """nnodely's predictions in double precision, by model, for the models that it can load."""
     if not names:
         return {}
     script = str(HERE / "double_precision.py")

@@ -11,7 +11,7 @@ MODELS: dict[str, Callable[[Any], None]] = {}
 
 
 def model(build: Callable[[Any], None]) -> Callable[[Any], None]:
-    """Lists a builder, which adds its outputs to the model that it is given."""
+    """A decorator that lists a builder of a model; the builder adds outputs to the model."""
     MODELS[build.__name__] = build
     return build
 

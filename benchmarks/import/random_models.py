@@ -19,7 +19,7 @@ _CALLED = ["torch.sin", "torch.cos", "torch.tanh", "torch.abs", "torch.sigmoid",
 
 
 class Draw:
-    """The streams of one model, by their samples and elements."""
+    """The streams of a random model while it is drawn, by their number of samples and elements."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(seed)
@@ -32,7 +32,7 @@ class Draw:
         self.streams.append(self.random.choice(self.vectors).sw(self.random.randint(1, 3)))
 
     def window(self, signal: Any) -> Any:
-        """Some samples of an input."""
+        """A random window of an input."""
         n = self.random.randint(1, 5)
         last = self.random.choice([0, 0, 0, 1, -1])
         match self.random.randint(0, 5):
@@ -46,12 +46,12 @@ class Draw:
                 return signal.sw([last - n, last])
 
     def any(self, **wanted: int) -> Any | None:
-        """A stream of these sizes."""
+        """A random stream of these sizes; None if there is none."""
         found = [s for s in self.streams if all(s.dim.get(k) == v for k, v in wanted.items())]
         return self.random.choice(found) if found else None
 
     def grow(self) -> None:
-        """Adds one relation."""
+        """Adds one random relation."""
         stream = self.random.choice(self.streams)
         made = self.random.choice(_STEPS)(self, stream)
         if made is not None:

@@ -55,7 +55,7 @@ def each(suite: unittest.TestSuite):
 
 
 def keep(m: Modely, name: str, folder: Path) -> None:
-    """Writes the model as it is now, once for each that differs."""
+    """Saves the current model, unless an equal one is already saved."""
     kept = predicted(m, name, begins_loops=False)
     if isinstance(kept, str):
         raise ValueError(kept)

@@ -25,7 +25,7 @@ STARTS_AT_ZERO = {"closed_window", "closed_ahead"}
 
 
 def record(name: str, folder: Path) -> str | None:
-    """Builds, saves and runs one model; why it cannot, where nnodely itself fails."""
+    """Builds, saves and runs one model; returns the reason as a text if nnodely itself fails."""
     clearNames()
     torch.manual_seed(sum(map(ord, name)))
     random.seed(name)
@@ -45,9 +45,9 @@ def record(name: str, folder: Path) -> str | None:
 
 
 def predicted(m: Modely, name: str, *, begins_loops: bool = True) -> dict[str, object] | str:
-    """The model as it is saved, a drawn log and what it gives; or why that says nothing.
+    """The saved model with random data and nnodely's predictions, or the reason why there are none.
 
-    Loops begin with what is drawn, or at 0.
+    Loops begin with random values, or at 0.
     """
     with tempfile.TemporaryDirectory() as place:
         m.saveModel(name, place)

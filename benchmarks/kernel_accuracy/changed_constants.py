@@ -1,4 +1,6 @@
-"""Moves the constants of a kernel to their neighbours, one at a time: what a test shall notice."""
+"""Changes the constants of a math kernel to neighbouring numbers, one at a time, to test
+the tests.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,11 @@ Site = tuple[str, int]
 
 
 def changed_constants(routine: Routine) -> Iterator[tuple[Site, Routine]]:
-    """The routine with one constant changed: of a real to the next number below and above, of a
-    word the last bit. A constant of a routine that is called is changed in all of its calls."""
+    """Yields the routine with one constant changed.
+
+    A float becomes the next one above or below; the last bit of an integer changes. A constant of a
+    called routine is changed in all of its calls.
+    """
     sites: dict[Site, Constant] = {}
 
     def note(site: Site, constant: Constant) -> Constant:
@@ -64,7 +69,9 @@ def _neighbours(constant: Constant, routine: Routine) -> Iterator[Constant]:
 
 
 class _Rewriting:
-    """Rebuilds a routine with what a function makes of each constant, in the order of the text."""
+    """Rebuilds a routine with each constant replaced by a function of it, in the order of
+    the text.
+    """
 
     def __init__(self, change: Callable[[Site, Constant], Constant]) -> None:
         self._change = change

@@ -40,7 +40,7 @@ _THEN = (2**13,)
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Arguments of a kernel, which of its changes they or plain ones tell, and which nothing."""
+    """The arguments chosen for a kernel, and the changes of it that no argument shows."""
 
     points: Array
     told: int
@@ -72,7 +72,7 @@ _BEGIN, _END = "HEXADECIMAL: dict[tuple[str, RealName], str] = {\n", "\n}\n"
 
 
 def chosen_arguments(name: str, real: RealName) -> Chosen:
-    """Few arguments that tell what plain ones do not."""
+    """Few arguments that show the changes which ordinary ones do not."""
     right = routine(name, real)
     random = np.random.Generator(np.random.Philox(7))
     plain = np.array(plain_points(name, real), right.format.dtype)
@@ -108,7 +108,7 @@ def chosen_arguments(name: str, real: RealName) -> Chosen:
 
 
 def _cover(tells: NDArray[np.bool_]) -> list[int]:
-    """Few columns that together have a True in each row: always the one that most rows lack."""
+    """Few columns that together have a True in each row; greedy choice."""
     chosen: list[int] = []
     while len(tells):
         best = int(np.argmax(tells.sum(axis=0)))

@@ -83,7 +83,11 @@ def _remez(
 
 
 def _alternating_extremes(errors: list[mpf], count: int) -> list[int] | None:
-    """The largest error of each stretch of one sign, the `count` neighbouring ones that matter."""
+    """Indices of the largest error in each interval of equal sign, for `count` neighbouring
+    intervals.
+
+    None if there are fewer.
+    """
     extremes: list[int] = []
     for i, error in enumerate(errors):
         if extremes and (errors[extremes[-1]] > 0) == (error > 0):

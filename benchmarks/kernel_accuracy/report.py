@@ -60,8 +60,11 @@ PROMISED_DOUBLE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """`compared` results, the largest error in ulp and its arguments, how many were not the
-    nearest number, and how many special cases were broken, with the last one's arguments."""
+    """The accuracy of one kernel: the number of compared results, and the largest error in ulp.
+
+    It also has the arguments of that error, the number of results that are not the nearest float,
+    and the number of wrong special cases with the arguments of the last one.
+    """
 
     compared: int
     largest_error: float
@@ -72,7 +75,7 @@ class Measurement:
 
 
 def keep(real: str, name: str, row: Measurement) -> None:
-    """Adds one kernel's measurement to the results."""
+    """Adds the measurement of one kernel to the saved results."""
     results = _results()
     results.setdefault(real, {})[name] = dataclasses.asdict(row)
     text = json.dumps(results, indent=1, sort_keys=True)
@@ -80,7 +83,7 @@ def keep(real: str, name: str, row: Measurement) -> None:
 
 
 def write_report() -> None:
-    """Writes the document from all that has been measured."""
+    """Writes docs/kernels.md from all saved measurements."""
     DOCUMENT.parent.mkdir(exist_ok=True)
     DOCUMENT.write_text(report(), encoding="utf-8")
 

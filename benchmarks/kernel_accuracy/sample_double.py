@@ -60,7 +60,7 @@ def draw(name: str, count: int) -> tuple[Array, ...]:
 
 
 def measure(name: str, count: int) -> Measurement:
-    """One kernel's record; arguments without a finite value are left out."""
+    """The measured accuracy of one kernel; arguments without a finite value are omitted."""
     columns = draw(name, count)
     values = evaluate(name, *columns)
     compared, wrong, largest, largest_at = 0, 0, 0.0, [0.0]

@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def _measured(joints: int) -> str:
-    """One row: processor time of the generator and of the C compiler."""
+    """A row of the table: CPU time of the generator and of the C compiler."""
     began = time.process_time()
     spec = read_spec("arm.msnn.yaml", written_out_arm(joints)).spec
     step = training_step(compile_spec(spec).program)

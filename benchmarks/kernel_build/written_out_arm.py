@@ -11,10 +11,11 @@ _LEVER: Vector = ("0.3", "0", "0.1")
 
 
 def written_out_arm(joints: int) -> str:
-    """An arm of that many joints: its recursive Newton-Euler torques load its drives.
+    """The text of a spec of an arm with that many joints, by recursive Newton-Euler equations.
 
-    Links turn about their z axes, each frame lies across the one before, so that sines and cosines
-    of all joints are multiplied along the chain. Masses, first moments and inertias are learned.
+    Links turn about their z axes, and each frame is perpendicular to the one before, so that sines
+    and cosines of all joints are multiplied along the chain. Masses, first moments and inertias are
+    learned.
     """
     equations = _Equations()
     turn: Vector = ("0", "0", "0")
@@ -45,7 +46,7 @@ def written_out_arm(joints: int) -> str:
 
 
 class _Equations:
-    """Lines of the section, in order."""
+    """The lines of the spec's section `equations`, in order."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -54,7 +55,7 @@ class _Equations:
         self.lines.append(f"  {name}: {expression}")
 
     def vector(self, name: str, parts: Vector) -> Vector:
-        """Three equations, and their names."""
+        """Adds three equations for the elements of a vector; returns their names."""
         names = (f"{name}x", f"{name}y", f"{name}z")
         for part_name, part in zip(names, parts, strict=True):
             self.add(part_name, part)
@@ -62,12 +63,12 @@ class _Equations:
 
 
 def _into(i: int, v: Vector) -> Vector:
-    """A vector in the frame of link i."""
+    """Transforms a vector into the frame of link i."""
     return (f"c{i} * ({v[0]}) + s{i} * ({v[2]})", f"c{i} * ({v[2]}) - s{i} * ({v[0]})", v[1])
 
 
 def _out_of(i: int, v: Vector) -> Vector:
-    """A vector of link i in the frame before."""
+    """Transforms a vector of link i into the frame of the link before."""
     return (f"c{i} * ({v[0]}) - s{i} * ({v[1]})", v[2], f"s{i} * ({v[0]}) + c{i} * ({v[1]})")
 
 

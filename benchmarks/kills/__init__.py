@@ -1,1 +1,1 @@
-"""Kills trainings and exports, and looks at what is left."""
+"""Kills trainings and exports, and checks the files that remain."""

@@ -1,4 +1,4 @@
-"""Trains, trains folds and exports in a process that is killed, and says what is left of it."""
+"""Runs trainings, cross-validations and exports in a process, kills it, and checks what remains."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _MISTAKE, _STOPPED = 1, 3
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What was left of one case: `right` says whether it became what nobody disturbed."""
+    """The result of one case; `right` is true if it ended with the files of an undisturbed run."""
 
     kind: Kind
     kills: int
@@ -62,13 +62,13 @@ class Outcome:
     latest_stayed: bool
 
     def is_good(self, most_lost: float) -> bool:
-        """Whether nothing was lost but so many seconds of work."""
+        """True if at most `most_lost` seconds of work were lost, and nothing else."""
         return self.right and self.latest_stayed and self.lost <= most_lost
 
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What is killed: how it goes in a folder, and what it leaves when nobody disturbs it."""
+    """A command to kill: how it runs in a folder, and the files of an undisturbed run."""
 
     kind: Kind
     run: Callable[[Path, bool], None]
@@ -80,7 +80,7 @@ class Subject:
 
 
 def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
-    """What is killed, each run once undisturbed."""
+    """The commands to kill, each with the result of an undisturbed run."""
     model, frame = gain_model(place, epochs), gain_frame()
     trained = {"a": np.array(0.75), "b": np.array(0.25)}
 
@@ -124,14 +124,14 @@ def subjects(place: Path, epochs: int, most_lost: float) -> dict[Kind, Subject]:
 
 
 def gain_model(place: Path, epochs: int) -> Model:
-    """A small model whose two stages have so many epochs each; its spec is written there."""
+    """A small model whose two stages have `epochs` epochs each; writes its spec."""
     spec = place / "gain.msnn.yaml"
     spec.write_text(_SPEC.replace("EPOCHS", str(epochs)))
     return msnn.load(spec)
 
 
 def gain_frame() -> dict[str, np.ndarray]:
-    """Rows that the model fits but for a small disturbance."""
+    """Data that the model fits except for a small disturbance."""
     x, u = np.zeros(_ROWS), np.random.default_rng(0).uniform(-1, 1, _ROWS)
     for t in range(_ROWS - 1):
         x[t + 1] = 0.8 * x[t] + 0.3 * u[t] + 0.01 * np.sin(t)
@@ -139,12 +139,14 @@ def gain_frame() -> dict[str, np.ndarray]:
 
 
 def _data(model: Model, frame: dict[str, np.ndarray]) -> Dataset:
-    """The frame as the spec divides it."""
+    """The frame as a dataset with the sets of the spec."""
     return measured(model, frame, None, "training")
 
 
 def killed(subject: Subject, folder: Path, seed: int) -> Outcome:
-    """Kills it at a random moment, some resumed ones again, and lets it come to its end."""
+    """Kills a command at a random moment, possibly again after it is resumed, then lets it
+    finish.
+    """
     random = Random(seed)  # noqa: S311  (repeatable, no secret)
     folder.mkdir()
     has_before = subject.kind == "export" and random.random() < 0.5
@@ -179,7 +181,9 @@ def killed(subject: Subject, folder: Path, seed: int) -> Outcome:
 
 
 def _started(run: Callable[[Path, bool], None], folder: Path, resume: bool) -> int:
-    """The process that runs it: a copy of this one, which has loaded everything."""
+    """Starts the command in a fork of this process, which has loaded all modules; returns its
+    number.
+    """
     process = os.fork()
     if process:
         return process
@@ -205,9 +209,9 @@ def _is_unfinished(folder: Path) -> bool:
 
 
 def _leads_to_unfinished(folder: Path, left: Mapping[str, bytes]) -> bool:
-    """Whether `latest` leads to a run that has not reached its last weights.
+    """True if `latest` points to a run that has not written its last weights.
 
-    A run that has them keeps its last checkpoint until its standard errors are known.
+    A run with them keeps its last checkpoint until its standard errors are known.
     """
     latest = folder / "runs" / "gain" / "latest"
     checkpoint = latest / CHECKPOINT
@@ -227,7 +231,7 @@ def _lost(folder: Path, began: float, moment: float) -> float:
 
 
 def _left(kind: Kind, folder: Path) -> dict[str, bytes]:
-    """The files that count, without the times in them."""
+    """The contents of the files that must be right, without the times in them."""
     if kind == "export":
         paths = [path for name in ("c", "onnx") for path in (folder / name).rglob("*")]
         return {str(p.relative_to(folder)): p.read_bytes() for p in paths if p.is_file()}
@@ -256,7 +260,7 @@ def _epochs(metrics: Path) -> bytes:
 
 
 def _is_whole(left: dict[str, bytes], earlier: dict[str, bytes], new: dict[str, bytes]) -> bool:
-    """Whether each target is as it was or as it shall be, all of it."""
+    """True if every target has either all its old files or all its new ones."""
     for target in ("c", "onnx"):
         found, *whole = (_of(target, files) for files in (left, earlier, new))
         if found not in whole:

@@ -1,9 +1,8 @@
-"""Measures what checkpoints by the clock take of trainings of the gallery.
+"""Measures the cost of checkpoints in trainings of the gallery.
 
-`cost.py [SECONDS [NAME…]]`: each model trains about so long. Prints an epoch, into how many calls
-of the kernel it was divided, how long the clock takes to be asked in one, and a save: the least and
-the middle one, as other processes make them longer. The last column is both together, of the
-middle save, where one comes every 4.5 s.
+`cost.py [SECONDS [NAME…]]`: each model trains for about that long. Prints the time of an epoch, the
+number of kernel calls in it, the time to read the clock, and the minimum and median time of a save.
+The last column is the total cost with one save every 4.5 s.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ def main() -> None:
 
 
 def _an_epoch(spec: Path, runs: Path, epochs: int) -> float:
-    """Seconds that one of so many epochs takes."""
+    """Seconds per epoch of a training with that many epochs."""
     model = load_model(spec, [f"train.0.epochs={epochs}"])
     data = read_data(model, None, "training")
     (stage,) = train(model.program, data, model.spec.train, TrainingOptions(runs=runs)).stages
@@ -76,13 +75,13 @@ def _an_epoch(spec: Path, runs: Path, epochs: int) -> float:
 
 
 def _asking() -> float:
-    """Seconds that it takes to ask the clock."""
+    """Seconds to read the clock once."""
     safe = Safekeeping(None, NotedProgress(Silent(), None), _MOST_LOST)
     return min(timeit(lambda: safe.is_due(0.01), number=1000) for _ in range(5)) / 1000
 
 
 def _timed(owner: type[Any], name: str) -> list[float]:
-    """Seconds of each call of a method from now on."""
+    """A list that receives the seconds of each later call of a method."""
     found: list[float] = []
     method: Callable[..., Any] = getattr(owner, name)
 

@@ -1,4 +1,4 @@
-"""Tells how long the language's own work takes: reading, checking and compiling specs, in CPU time.
+"""Measures the CPU time of reading, checking and compiling specs.
 
 python benchmarks/language/run.py
 """
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _milliseconds(work: Callable[[], object], times: int = 3) -> str:
-    """The fastest of several runs, the first left out."""
+    """The shortest of several runs, without the first, as a text."""
     work()
     taken: list[float] = []
     for _ in range(times):
@@ -52,7 +52,7 @@ def _milliseconds(work: Callable[[], object], times: int = 3) -> str:
 
 
 def _command(path: Path) -> float:
-    """Seconds of a process that checks a spec, its start included."""
+    """Seconds of a process that checks a spec, including its start."""
 
     def used() -> float:
         children = resource.getrusage(resource.RUSAGE_CHILDREN)

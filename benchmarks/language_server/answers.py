@@ -52,7 +52,7 @@ answer, on a machine with {cores} cores of which {load:.1f} processes were waiti
 
 @dataclass(frozen=True)
 class Taken:
-    """Seconds of one answer: of the editor's clock, and of the processor."""
+    """Seconds of one answer: by the editor's clock, and of CPU time."""
 
     clock: float
     processor: float
@@ -129,7 +129,7 @@ def _rounds(client: Client, path: Path, text: str) -> dict[str, list[Taken]]:
 
 
 def _none(client: Client, path: Path) -> None:
-    """Waits for the diagnostics of a text that has none."""
+    """Waits for the diagnostics of a text without errors."""
     assert client.diagnostics(path) == []
 
 
@@ -143,7 +143,7 @@ def _taken(
 
 
 def _both(client: Client) -> list[int]:
-    """The server and the processes that it has begun, one of which checks."""
+    """The process numbers of the server and of the processes that it started."""
     server = client.process.pid
     threads = Path(f"/proc/{server}/task").iterdir()
     begun = [p for t in threads for p in (t / "children").read_text(encoding="utf-8").split()]
@@ -151,7 +151,7 @@ def _both(client: Client) -> list[int]:
 
 
 def _processor(processes: list[int]) -> float:
-    """Seconds that the threads of processes have run."""
+    """CPU seconds of all threads of these processes."""
     spent = 0
     for process in processes:
         for thread in Path(f"/proc/{process}/task").iterdir():

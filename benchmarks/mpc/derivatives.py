@@ -1,8 +1,8 @@
-"""Measures value, Jacobian and Hessian of a small network in C, each way to make it beside others.
+"""Times value, Jacobian and Hessian of a small network in C, generated in several ways.
 
     python benchmarks/mpc/derivatives.py [--rounds N] [--folder BUILD]
 
-The plant is x + mlp(x, u) with two states, one control and two hidden layers of 16. All contenders
+The plant is x + mlp(x, u) with two states, one control and two hidden layers of 16. All variants
 compute x', J (2 × 3) and the Hessian of λᵀx' (3 × 3) at the same points, in float64, compiled with
 `gcc -O2`, in one program that calls them in turn; times are medians of the rounds.
 """
@@ -64,7 +64,7 @@ def main() -> None:
 
 
 def built(folder: Path) -> Path:
-    """The program that measures all contenders."""
+    """Builds the program that times all variants."""
     model = load_model(HERE / "mlp_plant.msnn.yaml")
     weights = initial_weights(model.program)
     program = to_step_form(prune_outputs(model.program, ["y"]))
@@ -125,7 +125,7 @@ def _step(program: Program, weights: dict[str, np.ndarray], form: Form) -> casad
 
 
 def _derivatives(step: Any, name: str) -> casadi.Function:
-    """x', J and H as one function of z and λ."""
+    """The function of z = (x, u) and λ that returns x', J and H."""
     kind: Any = casadi.SX if step.is_a("SXFunction") else casadi.MX
     z, multipliers = kind.sym("z", 3), kind.sym("lambda", 2)
     following = step(z[:2], z[2])

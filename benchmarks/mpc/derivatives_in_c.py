@@ -27,7 +27,9 @@ Weights = Mapping[str, NDArray[np.float64]]
 
 @dataclass
 class _Leaves:
-    """z and λ are arrays, parameters are numbers in the text."""
+    """Translates leaves of the graph: z and λ are read from arrays, parameters are numbers in the
+    text.
+    """
 
     derivatives: StepDerivatives
     weights: Weights

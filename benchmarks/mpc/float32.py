@@ -35,7 +35,7 @@ Vector = NDArray[np.float64]
 
 
 class Controller:
-    """One exported controller in one kind of numbers."""
+    """An exported controller, compiled in float32 or float64."""
 
     def __init__(
         self, problem: ControlProblem, weights: dict[str, Vector], dtype: str, folder: Path
@@ -52,7 +52,9 @@ class Controller:
         self._library.plant_mpc_init(_address(self._memory))
 
     def solve(self, given: list[float]) -> tuple[int, float, float]:
-        """Solves from measured numbers in the order of the input: status, control, residual."""
+        """Solves for measured values in the order of the input; returns status, control and
+        residual.
+        """
         numbers = np.array(given, self._dtype)
         out = np.zeros(8, self._dtype)
         arrays = (_address(a) for a in (self._memory, numbers, out))
@@ -112,7 +114,10 @@ def _network(weights: dict[str, Vector], exact: Controller, short: Controller) -
 
 
 def _window(weights: dict[str, Vector], exact: Controller, short: Controller) -> list[Any]:
-    """Follows steps of 3, of which half reach the bounds."""
+    """The results of both controllers along a loop whose reference jumps between 3 and −3.
+
+    Half of these jumps reach the bounds of the control.
+    """
 
     def wanted(t: int) -> float:
         return 3.0 if (t // 25) % 2 else -3.0

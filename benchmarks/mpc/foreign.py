@@ -28,7 +28,9 @@ NEAR = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """States by name with their next values, and how far starts are drawn from 0."""
+    """A plant: its states with the formulas of their next values, and the range of initial
+    states.
+    """
 
     states: dict[str, str]
     stage: str
@@ -40,7 +42,7 @@ class Plant:
     kind: str = ""
 
     def spec(self, name: str) -> str:
-        """Its text."""
+        """The text of the plant's spec."""
         states = "\n".join(f'  {k}: {{next: "{v}", init: 0}}' for k, v in self.states.items())
         first = next(iter(self.states))
         return (
@@ -180,7 +182,7 @@ PLANTS = {
 
 
 def solve_plant(name: str, plant: Plant, starts: int, folder: Path) -> tuple[str, ...]:
-    """The row of one plant."""
+    """Solves from several states by both solvers; returns the row of the table."""
     path = folder / f"{name}.msnn.yaml"
     path.write_text(plant.spec(name), encoding="utf-8")
     controller = msnn.mpc(msnn.load(path), solver="c")

@@ -86,7 +86,7 @@ estimator:
 
 @dataclass(frozen=True)
 class Plant:
-    """A spec, what is measured of its plant row by row, and where the filter begins."""
+    """A spec with a filter, simulated measurements row by row, and the initial estimate."""
 
     text: str
     rows: Callable[[int], Array]
@@ -94,7 +94,7 @@ class Plant:
 
 
 def exact(count: int) -> Array:
-    """A body that is pushed to and fro; its place is measured almost without error."""
+    """Measurements of a body under changing forces, with almost no error."""
     random = np.random.default_rng(0)
     rows = np.empty((count, 2))
     p = v = 0.0
@@ -106,7 +106,9 @@ def exact(count: int) -> Array:
 
 
 def pendulum(count: int) -> Array:
-    """One that is stiffer than the model; a fifth of the samples is missing."""
+    """Measurements of a pendulum that is stiffer than its model; a fifth of the samples is
+    missing.
+    """
     random = np.random.default_rng(1)
     rows = np.empty((count, 2))
     angle, rate = 0.4, 0.0
@@ -121,7 +123,7 @@ def pendulum(count: int) -> Array:
 
 
 def heat(count: int) -> Array:
-    """A rod that is heated and measured at one end: most of its states are hardly observable."""
+    """Measurements of a rod, heated and measured at one end: most states are hardly observable."""
     random = np.random.default_rng(2)
     rows = np.empty((count, 2))
     warm = np.zeros(PLACES)
@@ -142,7 +144,9 @@ PLANTS = {
 
 
 def run(plant: Plant, rows: Array, dtype: Dtype) -> tuple[Array, float]:
-    """The lines of the program, and seconds."""
+    """Runs a filter over the rows in one precision; returns the lines of its output, and
+    seconds.
+    """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         spec = folder / "spec.msnn.yaml"
@@ -178,7 +182,7 @@ def run(plant: Plant, rows: Array, dtype: Dtype) -> tuple[Array, float]:
 
 
 def covariances(lines: Array, size: int) -> Array:
-    """U D Uᵀ of every line."""
+    """The covariance U D Uᵀ of every line."""
     found = np.zeros((len(lines), size, size))
     upper = np.triu_indices(size)
     for number, line in enumerate(lines):

@@ -52,20 +52,23 @@ TOLERANCE = 1e-6
 
 
 class Solver(Protocol):
-    """Solves a problem from the plan of the sample before."""
+    """A solver that starts from the plan of the previous sample."""
 
     def begin(self) -> None:
-        """Forgets the last plan."""
+        """Forgets the plan of the previous sample."""
         ...
 
     def solve(self, p: Vector) -> tuple[float, Vector, Vector]:
-        """Finds seconds, the plan, and multipliers of its bounds, positive at upper ones."""
+        """Solves for the parameters p.
+
+        Returns seconds, the plan, and the multipliers of its bounds, positive at upper ones.
+        """
         ...
 
 
 @dataclass
 class Contender:
-    """One solver with a plant of its own."""
+    """A solver in a closed loop with its own copy of the plant."""
 
     name: str
     solver: Solver
@@ -77,7 +80,7 @@ class Contender:
 
 @dataclass(frozen=True)
 class Loop:
-    """One closed loop: what p is at first, and after a sample with a control."""
+    """A closed loop: the initial p, and the p after a sample with a control."""
 
     name: str
     first: Callable[[], Vector]
@@ -85,7 +88,7 @@ class Loop:
 
 
 class Own:
-    """Solves by the controller that is generated of the spec, called and timed in C."""
+    """The controller that msnn generates, called and timed in C."""
 
     def __init__(self, nlp: Nlp, library: Any) -> None:
         self._library = library
@@ -93,11 +96,11 @@ class Own:
         self._multipliers = np.zeros(nlp.numbers)
 
     def begin(self) -> None:
-        """Forgets the last plan."""
+        """Forgets the plan of the previous sample."""
         self._library.begin()
 
     def solve(self, p: Vector) -> tuple[float, Vector, Vector]:
-        """Solves from the last plan, a sample later."""
+        """Solves from the last plan, shifted by one sample."""
         status = ctypes.c_int()
         arrays = (_address(a) for a in (p, self._plan, self._multipliers))
         seconds = self._library.own(*arrays, ctypes.byref(status))

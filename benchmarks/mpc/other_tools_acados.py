@@ -26,14 +26,14 @@ SOFT = {"zl": 1e3, "zu": 1e3, "Zl": 1.0, "Zu": 1.0}
 
 
 class Acados:
-    """One QP solver of acados; the time is its own of a solve, without what Python does."""
+    """acados with one QP solver; times are its own, without the Python interface."""
 
     def __init__(self, nlp: Nlp, step: ca.Function, qp_solver: str, folder: Path) -> None:
         self._solver = _solver(nlp, step, qp_solver, folder)
         self.begin()
 
     def begin(self) -> None:
-        """Forgets the last plan."""
+        """Forgets the plan of the previous sample."""
         self._solver.reset()
         self._plan = self._kept()
 
@@ -68,7 +68,7 @@ class Acados:
 
 
 def _later(plan: dict[str, list[Vector]]) -> dict[str, list[Vector]]:
-    """Shifts a plan by a sample; stages whose limits are others keep what they have."""
+    """The plan shifted by one sample; stages with other limits are not shifted."""
     found: dict[str, list[Vector]] = {}
     for field, values in plan.items():
         moved = [*values[1:], values[-1]]

@@ -34,7 +34,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 
 class Interpreted:
-    """Solves by a plugin in CasADi's virtual machine; the time is the plugin's own."""
+    """A CasADi solver that runs in CasADi's virtual machine; the time is the solver's own."""
 
     def __init__(self, nlp: Nlp, plugin: str, **options: Any) -> None:
         self.nlp = nlp
@@ -42,7 +42,7 @@ class Interpreted:
         self.begin()
 
     def begin(self) -> None:
-        """Forgets the last plan."""
+        """Forgets the plan of the previous sample."""
         self._plan = np.zeros(self.nlp.numbers)
         self._multipliers = np.zeros(self.nlp.numbers)
 
@@ -63,7 +63,7 @@ class Interpreted:
 
 
 class Generated:
-    """Solves by C that CasADi has generated of a plugin, called and timed in C."""
+    """A CasADi solver that is generated to C, called and timed in C."""
 
     def __init__(self, nlp: Nlp, plugin: str, folder: Path, clock: Any) -> None:
         self.nlp = nlp
@@ -92,7 +92,7 @@ class Generated:
         self._memory = self._library.solver_checkout()
 
     def begin(self) -> None:
-        """Forgets the last plan."""
+        """Forgets the plan of the previous sample."""
         for array in self._to:
             array[:] = 0
 
@@ -114,7 +114,7 @@ class Generated:
 
 
 def made(nlp: Nlp, plugin: str, **options: Any) -> ca.Function:
-    """Makes the solver of a problem by a plugin."""
+    """The CasADi solver of a problem by a plugin such as `ipopt`."""
     own = QUIET | OPTIONS[plugin] | options
     if plugin == "fatrop":
         own["equality"] = [True] * nlp.expressions["g"].shape[0]
@@ -122,7 +122,7 @@ def made(nlp: Nlp, plugin: str, **options: Any) -> ca.Function:
 
 
 def compiled(solver: ca.Function, plugin: str, folder: Path) -> Any:
-    """Generates a solver to C and compiles it, with fatrop's own library where it is asked for."""
+    """Generates C of a solver and compiles it, with fatrop's library if the plugin is fatrop."""
     casadi = Path(ca.__file__).parent
     folder.mkdir(exist_ok=True)
     source = folder / f"{plugin}.c"
@@ -137,7 +137,7 @@ def compiled(solver: ca.Function, plugin: str, folder: Path) -> Any:
 
 
 def later(plan: Vector, stage: int) -> Vector:
-    """Shifts a plan by a sample; its last one stays."""
+    """The plan shifted by one sample; the last stage is repeated."""
     return np.concatenate([plan[stage:], plan[-stage:]])
 
 

@@ -1,7 +1,7 @@
-"""States the two problems of `other_tools.py` as CasADi's nlp, from hand-written expressions.
+"""Defines the two problems of `other_tools.py` for CasADi, in expressions written by hand.
 
-The stage of the network is a function of its own (`never_inline`): written out N times its code is
-nine times as long and takes twice as long.
+The stage of the network is a separate function (`never_inline`): written out N times, its code is
+nine times as long and takes twice the time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Nlp:
-    """One problem: its expressions, bounds of the variables, and numbers that a stage has."""
+    """A nonlinear program: its expressions, the bounds of variables, and the number of values per
+    stage.
+    """
 
     name: str
     expressions: dict[str, Any]
@@ -31,12 +33,12 @@ class Nlp:
 
     @property
     def numbers(self) -> int:
-        """How many variables there are."""
+        """The number of variables."""
         return len(self.low)
 
 
 def network_step(weights: dict[str, Vector]) -> ca.Function:
-    """Writes x' = x + mlp(x, u) by hand in scalars, as one function that is called."""
+    """The function x' = x + mlp(x, u), written by hand in scalars."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     inner = ca.vertcat(x, u)
     for layer in ("1", "2"):
@@ -47,7 +49,7 @@ def network_step(weights: dict[str, Vector]) -> ca.Function:
 
 
 def network_problem(step: ca.Function) -> Nlp:
-    """States the problem of the network: both states and the control of each sample."""
+    """The problem of the network; its variables are both states and the control of each sample."""
     states = [ca.MX.sym(f"x{k}", 2) for k in range(N + 1)]
     controls = [ca.MX.sym(f"u{k}") for k in range(N)]
     measured = ca.MX.sym("p", 2)
@@ -69,9 +71,9 @@ def network_problem(step: ca.Function) -> Nlp:
 
 
 def window_problem(weights: dict[str, Vector], *, is_called: bool) -> Nlp:
-    """States the problem of the filter in window form: y and the control of each sample.
+    """The problem of the filter without states: its variables are y and the control of each sample.
 
-    Written out with filters that are blended once a solve, or as a stage that is called and blends.
+    The filters are either blended once per solve and written out, or blended in a called function.
     """
     kind: Any = ca.MX if is_called else ca.SX
     p = kind.sym("p", WINDOW + 1 + N + 1)

@@ -1,8 +1,8 @@
-"""Solves problems by sequences of QPs whose solves alone are timed, by OSQP and by PIQP.
+"""Solves problems by sequences of QPs with OSQP and PIQP, and times only the QP solvers.
 
-Slopes and curvature come from CasADi and are not timed, nor is the judge that ends a sequence: the
-times are what a controller would take that has all else for nothing. Blocks of the curvature are
-lifted to positive eigenvalues, stage by stage; steps are taken whole.
+Derivatives come from CasADi and are not timed, nor is the test that ends a sequence: the times are
+lower bounds for a controller. The Hessian of each stage is shifted to positive eigenvalues; steps
+are taken in full.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Judge = Callable[[Vector, Vector, Vector], float]
 
 
 class Sequence:
-    """Solves by QPs of one tool until a judge is content."""
+    """A solver by a sequence of QPs, until the optimality conditions hold."""
 
     def __init__(self, nlp: Nlp, tool: Osqp | Piqp, judge: Judge) -> None:
         self.nlp = nlp
@@ -44,7 +44,7 @@ class Sequence:
         self.begin()
 
     def begin(self) -> None:
-        """Forgets the last plan."""
+        """Forgets the plan of the previous sample."""
         self._plan = np.zeros(self.nlp.numbers)
         self._weights = np.zeros(self.nlp.expressions["g"].shape[0])
 
@@ -87,10 +87,10 @@ class Sequence:
 
 
 class Osqp:
-    """Solves QPs of one pattern by OSQP; multipliers of rows, then of bounds."""
+    """Solves QPs of one sparsity pattern by OSQP; returns multipliers of rows, then of bounds."""
 
     def expect(self, steep: NDArrayBool) -> None:
-        """Takes the pattern of the rows that QPs will have."""
+        """Sets the sparsity pattern of the rows of later QPs."""
         size = steep.shape[1]
         self._solver: Any = None
         self._bends = np.triu(_near(size))
@@ -99,7 +99,7 @@ class Osqp:
     def solve(
         self, bend: Vector, slope: Vector, steep: Vector, right: Vector, low: Vector, high: Vector
     ) -> tuple[float, Vector, Vector, Vector]:
-        """Solves one QP and tells what OSQP says of its time."""
+        """Solves one QP; the time is the one that OSQP reports."""
         rows = np.vstack([steep, np.eye(len(slope))])
         lower, upper = np.r_[right, low], np.r_[right, high]
         if self._solver is None:
@@ -130,10 +130,10 @@ class Osqp:
 
 
 class Piqp:
-    """Solves QPs by PIQP, sparse; multipliers of rows, then of bounds."""
+    """Solves sparse QPs by PIQP; returns multipliers of rows, then of bounds."""
 
     def expect(self, steep: NDArrayBool) -> None:
-        """Takes the pattern of the rows that QPs will have."""
+        """Sets the sparsity pattern of the rows of later QPs."""
         self._solver: Any = None
         self._bends = np.triu(_near(steep.shape[1]))
         self._rows = steep
@@ -141,7 +141,7 @@ class Piqp:
     def solve(
         self, bend: Vector, slope: Vector, steep: Vector, right: Vector, low: Vector, high: Vector
     ) -> tuple[float, Vector, Vector, Vector]:
-        """Solves one QP and tells what PIQP says of its time."""
+        """Solves one QP; the time is the one that PIQP reports."""
         qp = {
             "P": _of_pattern(bend, self._bends),
             "c": slope,

@@ -57,7 +57,7 @@ _RANGE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Units:
-    """By what states, controls and cost of a plant are multiplied."""
+    """The factors by which states, controls and cost of a plant are multiplied."""
 
     states: tuple[float, ...]
     controls: tuple[float, ...]
@@ -65,13 +65,13 @@ class Units:
 
     @classmethod
     def drawn(cls, random: np.random.Generator, base: float, most: int, *, whole: bool) -> Units:
-        """Powers of a base with exponents up to `most`, whole numbers or not."""
+        """Random factors: `base` to exponents up to `most`, integers if `whole`."""
         exponents = random.uniform(-most, most, STATES + CONTROLS + 1)
         factors = [float(base**e) for e in (np.round(exponents) if whole else exponents)]
         return cls(tuple(factors[:STATES]), tuple(factors[STATES:-1]), factors[-1])
 
     def nearer(self) -> Units:
-        """For single precision, whose squares end at 1e±19: a third of the exponents."""
+        """A third of the exponents, for single precision, whose squares end at 1e±19."""
         exponents = np.log2([*self.states, *self.controls, self.cost]) / 3
         whole = bool(np.all(np.log2(self.states) % 1 == 0))
         factors = [float(2.0**e) for e in (np.round(exponents) if whole else exponents)]
@@ -118,7 +118,7 @@ def _ends(units: Units, control: str) -> str:
 
 
 def _read(expression: str, units: Units) -> str:
-    """The expression with states and controls in the units that it was written for."""
+    """The expression with states and controls converted back to its original units."""
 
     def divided(found: re.Match[str]) -> str:
         kind = units.states if found["kind"] == "x" else units.controls
@@ -138,14 +138,16 @@ def _read(expression: str, units: Units) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A start and references in the first units."""
+    """An initial state and references of a problem, in the original units."""
 
     state: Array
     references: Mapping[str, Array]
 
 
 def drawn_problem(plant: Plant, problem: ControlProblem, random: np.random.Generator) -> Problem:
-    """Starts up to far out, weights of 0, limits that are equal or contradict each other."""
+    """A random problem: states far from 0, weights of 0, limits that are equal or contradict each
+    other.
+    """
     state = random.normal(size=problem.states.size) * random.choice([0.1, 1.0, 3.0, 10.0])
     known = {"r": float(random.normal()), "s": float(random.normal()) ** 2}
     known["top"] = float(random.choice([0.2, 1.0, 5.0]))
@@ -170,7 +172,7 @@ def drawn_problem(plant: Plant, problem: ControlProblem, random: np.random.Gener
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """What a solver made of a problem, controls in the first units."""
+    """The result of a solver for one problem, with controls in the original units."""
 
     status: int
     iterations: int
@@ -178,7 +180,7 @@ class Solved:
     control: tuple[float, ...]
 
     def equals(self, other: Solved) -> bool:
-        """Whether every bit is the same."""
+        """True if every bit is equal."""
         mine, theirs = np.array(self.control), np.array(other.control)
         is_same = self.status == other.status
         # a plan that runs away ends where numbers do, in single precision soon
@@ -188,7 +190,7 @@ class Solved:
 
 
 class PlantInUnits:
-    """One plant in some units: its problem, and by what its numbers are multiplied."""
+    """A plant in some units: its problem, and the factors of its values."""
 
     def __init__(self, plant: Plant, units: Units, structure: Chosen, folder: Path) -> None:
         path = folder / "drawn.msnn.yaml"
@@ -261,7 +263,9 @@ class PlantInUnits:
 
 
 def compare_plant(number: int, random: np.random.Generator) -> Counter[str]:
-    """Counts of one plant: what was compared and what was not the same."""
+    """Compares one random plant in several units; returns counts of comparisons and of
+    differences.
+    """
     plant = drawn_plant(random, has_blocks=number % 4 == 3)
     structure: Chosen = "condensed" if (number + number // 4) % 2 else "staged"
     counts: Counter[str] = Counter()

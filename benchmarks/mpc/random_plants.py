@@ -1,10 +1,10 @@
-"""Draws plants with controllers, as specs: states, what bends, what is bounded, what is remembered.
+"""Draws random plants with predictive controllers, as specs.
 
-Half of the plants read older samples of their controls, single ones or all of a window; in a third
-controls are one vector of two; in a third some controls have rates. Weights and limits are
-references, so that each problem has its own; in half of the plants limits are formulas of these,
-one of them a root, which is NaN where `s` is negative, and in half of the others too they differ
-from sample to sample.
+They differ in states, nonlinearities, limits and memory. Half of the plants read older samples of
+their controls, single ones or a whole window. In a third of them controls are one vector of two; in
+a third some controls have rate limits. Weights and limits are references, so that each problem has
+its own. In half of the plants limits are formulas of these; one of them is a root, which is NaN
+where `s` is negative. In half of the others they differ from sample to sample.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _BENDS = ("0.3 * sin({})", "0.2 * {}**2", "0.5 * tanh({})", "0.1 * abs({})", "0"
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """A spec, and the numbers that its references are."""
+    """A random spec, and the names of its references."""
 
     text: str
     known: tuple[str, ...]
@@ -36,7 +36,7 @@ def computed_limits(
     r: NDArray[np.float64],
     s: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What the limits of a control are where they are formulas."""
+    """The limits of a control, computed by the formulas that the spec has."""
     return low - 0.3 * np.abs(r), high + np.sqrt(s)
 
 

@@ -60,7 +60,7 @@ OFTEN = (0.1, 0.05, 0.3, 0.4, 0.1, 0.05)
 def problem_values(
     names: tuple[str, ...], nx: int, random: np.random.Generator
 ) -> tuple[NDArray[Any], dict[str, float]]:
-    """A state, and references by name."""
+    """A random state, and values of the references by name."""
     x = random.normal(size=nx) * random.choice([0.1, 1.0, 3.0, 30.0])
     known = {name: float(random.normal()) for name in names}
     for name in WEIGHTS:
@@ -86,7 +86,7 @@ def problem_values(
 
 
 class Guarded:
-    """Memory of a struct with bytes around it that nobody may write."""
+    """The memory of a C struct with guard bytes around it, to find writes outside of the struct."""
 
     def __init__(self, struct: NDArray[Any]) -> None:
         self._bytes = np.full(2 * GUARD + struct.nbytes, PATTERN, np.uint8)
@@ -102,7 +102,7 @@ class Guarded:
 def solve_plant(
     plant: Plant, count: int, random: np.random.Generator, folder: Path, structure: Chosen | None
 ) -> Counter[str]:
-    """Draws and solves problems of one plant; what was found, by words."""
+    """Draws and solves `count` problems of one plant; returns the number of each kind of result."""
     path = folder / "drawn.msnn.yaml"
     path.write_text(plant.text, encoding="utf-8")
     control = msnn.load(path).of(ControlProblem)
@@ -179,7 +179,7 @@ def solve_plant(
 def _limits(
     plant: Plant, problem: ControlProblem, along: dict[str, NDArray[Any]]
 ) -> list[tuple[NDArray[Any], NDArray[Any]]]:
-    """The lowest and highest of each control along the horizon."""
+    """The lower and upper limit of each control at each sample of the horizon."""
     found: list[tuple[NDArray[Any], NDArray[Any]]] = []
     for j in range(problem.controls.size):
         sides = along[f"lo{j}"], along[f"hi{j}"]
@@ -193,7 +193,7 @@ def _limits(
 def _of_rates(
     rows: Rows, x: NDArray[Any], control: NDArray[Any], limits: list[tuple[float, float]]
 ) -> Counter[str]:
-    """What is wrong with a control that has a plan, by how fast it may move."""
+    """Violations of rate limits by a control that belongs to a plan."""
     found: Counter[str] = Counter()
     for rate in rows.rates:
         before, (low, high) = x[rate.before], limits[rate.control]
@@ -206,7 +206,7 @@ def _of_rates(
 
 
 def _joined(plant: Plant, along: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The references of the spec: of a vector the limits are vectors."""
+    """The references in the form of the spec: limits of a vector control are vectors."""
     if not plant.is_vector:
         return along
     others = {name: values for name, values in along.items() if name[:2] not in ("lo", "hi")}
@@ -217,7 +217,7 @@ def _joined(plant: Plant, along: dict[str, NDArray[Any]]) -> dict[str, NDArray[A
 def _by_block(
     problem: ControlProblem, low: NDArray[Any], high: NDArray[Any]
 ) -> list[tuple[float, float]]:
-    """What is left for the one control of each block."""
+    """The limits of the single control of each block: the tightest of its samples."""
     begins = np.cumsum((0, *problem.blocks[:-1]))
     ends = np.maximum.reduceat(low, begins), np.minimum.reduceat(high, begins)
     return list(zip(*(end.tolist() for end in ends), strict=True))

@@ -1,1 +1,1 @@
-"""How many changes of generated C its own test program sees."""
+"""Measures how many faults in generated C its own test program detects."""

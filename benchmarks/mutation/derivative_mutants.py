@@ -1,4 +1,6 @@
-"""Changes the rules of derivatives in one place at a time: reverse mode, forward mode, tables."""
+"""Puts faults into the rules of differentiation, one at a time: reverse mode, forward mode,
+tables.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ _FACTOR = 1.01
 
 @dataclass(frozen=True, slots=True)
 class RuleMutant:
-    """A change of a rule, and how to work under it."""
+    """A fault in a rule, and a context in which the faulty rule is used."""
 
     where: str
     change: str
@@ -67,7 +69,9 @@ def _of_module(
 
 
 def _places(tree: ast.Module) -> Iterator[tuple[Any, Callable[[], str]]]:
-    """The nodes that can be changed, and what changes them."""
+    """Yields the nodes of a syntax tree that can be changed, each with a function that
+    changes it.
+    """
     asked = _questions(tree)
     for node in ast.walk(tree):
         match node:
@@ -92,9 +96,10 @@ def _places(tree: ast.Module) -> Iterator[tuple[Any, Callable[[], str]]]:
 
 
 def _questions(tree: ast.Module) -> set[ast.AST]:
-    """What is asked of `infinite_values`: it decides where a factor 0 is looked for, no slope.
+    """The uses of `infinite_values`, which only decide where a factor 0 is looked for.
 
-    Graphs of finite slopes do not show it; tests/training/engines/test_infinite_slopes.py does.
+    Graphs of finite derivatives do not show faults there;
+    tests/training/engines/test_infinite_slopes.py does.
     """
     return {
         arg
@@ -122,7 +127,7 @@ def _without_sign(node: ast.Call) -> str:
 
 @contextmanager
 def _replaced(text: str, name: str, user: ModuleType, names: tuple[str, ...]) -> Iterator[None]:
-    """Lets `user` work with the functions of a changed module."""
+    """A context in which the module `user` uses the functions of a changed module."""
     changed = ModuleType(f"changed_{name}")
     sys.modules[changed.__name__] = changed  # dataclasses look their module up
     exec(compile(text, name, "exec"), changed.__dict__)  # noqa: S102  (our own file, changed)

@@ -1,7 +1,7 @@
-"""Last digits in mathematical functions that change no result, each with the reason.
+"""Lists changes of last digits in mathematical functions that change no result, with the reasons.
 
-Pairs of floats are too many to try; of these a sentence says why all are alike. Of functions of one
-argument they stand here where only the sign of what is far from 0 is asked.
+There are too many pairs of floats to try all; a sentence gives the reason. Functions of one
+argument are listed only if they use nothing but the sign of a value far from 0.
 """
 
 from __future__ import annotations

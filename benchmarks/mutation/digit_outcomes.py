@@ -45,7 +45,9 @@ _UPPER_HALF = ("every", "0", str(0x7FFFFFFF))
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What is known of one change."""
+    """What is known about one change of a digit: arguments that show it, or which ones were
+    tried.
+    """
 
     function: str
     line: str
@@ -76,14 +78,16 @@ def main() -> None:
 
 
 def known() -> dict[str, Outcome]:
-    """By the hash of both texts."""
+    """The saved outcomes, by the hash of the original and the changed text."""
     if not OUTCOMES.exists():
         return {}
     return _ROWS.validate_json(OUTCOMES.read_bytes())
 
 
 def changes_no_result(source: str, changed: str, prefix: str) -> bool:
-    """Whether all floats were tried of each function that a model calls, or of one they call."""
+    """True if all floats were tried for each function that a model calls, and none showed the
+    change.
+    """
     outcomes = known()
     right, other = functions_of(source, prefix), functions_of(changed, prefix)
     differ = [name for name in right if right[name].text != other[name].text]
@@ -101,8 +105,10 @@ def changes_no_result(source: str, changed: str, prefix: str) -> bool:
 
 
 def shown_arguments(kernel: str, real: RealName) -> list[tuple[float, ...]]:
-    """Where changes of a kernel show: in single precision as kept, in double at corners and drawn
-    arguments that are tried anew."""
+    """Arguments that show changes of a kernel: saved ones in single precision.
+
+    In double precision, corner cases and random arguments are tried again.
+    """
     source = c_sources([kernel], real, "own").source
     name = f"own_{kernel}"
     right = needed(functions_of(source), name)
@@ -122,7 +128,7 @@ def shown_arguments(kernel: str, real: RealName) -> list[tuple[float, ...]]:
 def _decide(
     source: str, functions: Mapping[str, Function], name: str, at: Iterable[float], *, quick: bool
 ) -> None:
-    """Of each change of a function, or of those that it calls and that change their results."""
+    """Determines the outcome of each change of a function, and of functions that it calls."""
     outcomes, right = known(), needed(functions, name)
     left, corners = dict[str, tuple[Outcome, Mapping[str, Function]]](), {*at}
     places = dict[str, tuple[float, ...]]()
@@ -171,7 +177,7 @@ def _is_same_inside(
     inner: str,
     name: str,
 ) -> bool:
-    """Whether a function that is called was proved to have the same results."""
+    """True if a called function was proved to have the same results after the change."""
     if inner == name:
         return False
     outcome = outcomes.get(text_hash(needed(right, inner), needed(changed, inner)))
@@ -185,7 +191,7 @@ def _try(
     arguments: Sequence[str],
     corners: Collection[float] = (),
 ) -> None:
-    """Keeps what shows, and takes it from what is left."""
+    """Tries arguments; saves outcomes of changes that they show, and removes these from `left`."""
     keys = list(left)
     if not keys:
         return

@@ -1,4 +1,4 @@
-"""Changes of generated C that change no answer, each with the reason."""
+"""Lists changes of generated C that change no result, each with the reason."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _CLAMPED_LOW = {("result = low;", "result = low; -> ;"): _LOWER}
 
 
 def _stores(places: str, why: str) -> dict[tuple[str, str], str]:
-    """Deleted stores to entries of the Jacobian, one a line."""
+    """Entries of the list for deleted stores to the Jacobian, one per line."""
     return {(line, f"{line} -> ;"): why for line in places.strip().splitlines()}
 
 
@@ -255,7 +255,7 @@ at most 1 of a finite angle, and of another all slopes in the angle are NaN."""
 
 
 def reason(prefix: str, mutant: Mutant) -> str | None:
-    """Why a change changes no answer; None where it is not known to be so."""
+    """The reason why a change changes no result; None if none is known."""
     if mutant.kind == "last digit":
         return DIGITS.get(mutant.function.removeprefix(f"{prefix}_"), {}).get(
             (mutant.line, mutant.change)
@@ -288,9 +288,9 @@ def reason(prefix: str, mutant: Mutant) -> str | None:
 
 
 def _loses_only_a_sign(mutant: Mutant) -> bool:
-    """Whether 0 is subtracted instead of added where the result is an entry of the Jacobian only.
+    """True if 0 is subtracted instead of added and the result is only an entry of the Jacobian.
 
-    Golden slopes take both zeros for one: `linearize` leaves out terms that are 0.
+    Golden Jacobians do not distinguish zeros by sign: `linearize` omits terms that are 0.
     """
     sum = _NO_ADDEND.match(mutant.line)
     if sum is None or mutant.change != "+ -> -":
@@ -301,7 +301,7 @@ def _loses_only_a_sign(mutant: Mutant) -> bool:
 
 
 def _unreached_check(prefix: str, mutant: Mutant) -> str | None:
-    """Why a loop of checks may end early: what it checks is always in order."""
+    """The reason why a loop of checks may end early: what it checks is always valid."""
     count = mutant.change.partition(" -> ")[2]
     for *bounds, condition in _CHECKED.findall(_function_text(mutant)):
         place = f"{mutant.function}: 1 branch not reached: {condition}"
@@ -311,7 +311,7 @@ def _unreached_check(prefix: str, mutant: Mutant) -> str | None:
 
 
 def _function_text(mutant: Mutant) -> str:
-    """From its header to its last brace."""
+    """The text of the changed function, from its header to its last brace."""
     begin = re.search(rf"^[^\n;]*\b{mutant.function}\([^;{{]*\)\n\{{", mutant.text, re.MULTILINE)
     if begin is None:
         return ""
@@ -319,10 +319,10 @@ def _function_text(mutant: Mutant) -> str:
 
 
 def _is_told_twice(mutant: Mutant) -> bool:
-    """Whether a broken test of an entry stands beside a whole one of the same value.
+    """True if the same value is also tested by an unchanged statement.
 
-    `y: next(x)` has the slopes of x: what is stored in one matrix is stored in another one too, and
-    an entry that is written twice is tested twice.
+    `y: next(x)` has the derivatives of x: a value stored in one matrix is stored in another one
+    too, and is tested twice.
     """
     test = _TEST.search(mutant.line)
     broken = mutant.change.startswith("3.4028235e+38f ->") or mutant.kind == "deleted"
@@ -339,7 +339,7 @@ def _is_told_twice(mutant: Mutant) -> bool:
 
 
 def _is_kept(value: str, text: str) -> bool:
-    """Whether a value is a constant, or an element of an array that nothing changes any more."""
+    """True if a value is a constant, or an element of an array that does not change any more."""
     name, element, _ = value.partition("[")
     if not element:
         return name in _CONSTANT.findall(text)

@@ -1,4 +1,6 @@
-"""Tries changed copies of a function beside the right one, at every float or at drawn arguments."""
+"""Compares changed copies of a function with the original at every float, or at random
+arguments.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +38,10 @@ def first_shown(
     arguments: Sequence[str],
     further: Collection[float] = (),
 ) -> Iterator[tuple[int, Point]]:
-    """Which of the changed functions differ from the right one, each with one place where.
+    """Yields the changed functions that differ from the original, each with one argument that shows
+    it.
 
-    Zeros are told by their signs; one NaN is like another. `further`: numbers to try besides.
+    Zeros differ by their signs; all NaNs are equal. `further` are additional numbers to try.
     """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -101,7 +104,7 @@ def _each(begin: str, numbers: range) -> str:
 
 
 def _corners(right: Mapping[str, Function], real: str, further: Collection[float]) -> list[str]:
-    """Constants of the functions and their neighbours, of both signs."""
+    """The constants of the functions and their neighbouring floats, of both signs."""
     dtype = np.float32 if real == "float" else np.float64
     texts = (text for each in right.values() for text in _CONSTANT.findall(each.text))
     found = [float.fromhex(text) if "x" in text else float(text) for text in texts]
@@ -123,7 +126,9 @@ def _literal(number: float, real: str) -> str:
 def _instrumented(
     right: Mapping[str, Function], changed: Sequence[Mapping[str, Function]]
 ) -> Iterator[str]:
-    """The functions, which note of each change whether its statement has another value."""
+    """C code of the functions, which records for each change if its statement computes another
+    value.
+    """
     for name, function in right.items():
         own = [(number, one[name].text) for number, one in enumerate(changed)]
         notes = [
@@ -136,7 +141,9 @@ def _instrumented(
 
 
 def _note(number: int, right: str, changed: str) -> tuple[int, str]:
-    """Where in the right text it is noted that the changed statement has another value."""
+    """The position in the original text at which a change is recorded, and the code that
+    does it.
+    """
     at = next(
         at for at, (one, other) in enumerate(zip(right, changed, strict=False)) if one != other
     )
@@ -157,7 +164,7 @@ def _note(number: int, right: str, changed: str) -> tuple[int, str]:
 
 
 def _copies(number: int, right: Mapping[str, Function], changed: Mapping[str, Function]) -> str:
-    """What differs and what calls it, under names of its own."""
+    """C code of the changed function and those that call it, with names of their own."""
     copied = dict[str, str]()
     for name, function in changed.items():
         called = [one for one in copied if function.calls(one)]
@@ -170,7 +177,7 @@ def _copies(number: int, right: Mapping[str, Function], changed: Mapping[str, Fu
 
 
 def _called(function: Function, name: str, use: str) -> str:
-    """Calls a function at i, and uses the bits of each result."""
+    """C code that calls a function for argument i, and uses the bits of each result."""
     given = ["x[i]", "y[i]"][: len(function.arguments)]
     if not function.written:
         value = f"bits({name}({', '.join(given)}))"

@@ -29,7 +29,7 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 
 def alike_inside_ranges(source: str, changed: str, function: str) -> bool:
-    """Whether a function answers the same after a change of it."""
+    """True if it is proved that a function has the same results after a change."""
     try:
         first, second = answers_of(
             [_body(text, function) for text in (source, changed)], {}, exact=True
@@ -46,7 +46,9 @@ def alike_inside_ranges(source: str, changed: str, function: str) -> bool:
 
 
 def _read(text: str, function: str) -> tuple[str, dict[str, Interval], dict[str, list[np.float32]]]:
-    """What a function does after its inputs are in their ranges, these, and where they are cut."""
+    """The computation of a function after its inputs are clamped, their ranges, and thresholds in
+    them.
+    """
     body = _body(text, function)
     ranges = {
         m[2]: (np.float32(m["low"].strip("()")), np.float32(m["high"].strip("()")))
@@ -74,7 +76,7 @@ def _body(text: str, function: str) -> str:
 def _alike(
     right: str, wrong: str, case: Mapping[str, Interval], cuts: Mapping[str, list[np.float32]]
 ) -> bool:
-    """Whether the answers are the same expressions, in the case or in all parts of it."""
+    """True if the results are the same expressions, in the whole case or in all parts of it."""
     first, second = answers_of((right, wrong), case)
     if first == second:
         return True

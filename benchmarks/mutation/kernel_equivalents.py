@@ -1,4 +1,4 @@
-"""Changes of a kernel's C that change no answer, each with the reason."""
+"""Lists changes of a training kernel's C that change no result, each with the reason."""
 
 from __future__ import annotations
 
@@ -71,6 +71,6 @@ it counts where none is found."""
 
 
 def kernel_reason(name: str, mutant: Mutant) -> str | None:
-    """Why a change changes no answer; None where it is not known to be so."""
+    """The reason why a change changes no result; None if none is known."""
     change = re.sub(r" \(\d+\)$", "", mutant.change)
     return KERNEL_EQUIVALENTS.get(name, {}).get((mutant.line, change))

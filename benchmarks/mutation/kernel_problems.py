@@ -1,4 +1,4 @@
-"""Small models that between them need every rule of a derivative."""
+"""Small models that together use every rule of differentiation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ outputs:
 
 
 def covering_problems() -> list[Problem]:
-    """The quickest first."""
+    """The models, the quickest first."""
     texts = [
         (_functions(), ()),
         (_BRANCHES, ()),
@@ -47,7 +47,7 @@ def covering_problems() -> list[Problem]:
 
 
 def _functions() -> str:
-    """Every scalar function of a parameter times an input, inside its domain."""
+    """A model with every scalar function of a parameter times an input, inside its domain."""
     terms: list[str] = []
     for name, row in SCALAR_FUNCTIONS.items():
         spans = [(max(low, -2.0), min(high, 2.0)) for low, high in row.domain]

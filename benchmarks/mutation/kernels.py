@@ -52,7 +52,7 @@ _SECONDS = 10
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How many of the changes were found, and those that were not."""
+    """The number of detected faults, and the undetected ones."""
 
     found: int
     missed: tuple[str, ...]
@@ -92,7 +92,9 @@ def _tell(name: str, score: Score) -> None:
 
 
 def rules_score(every: int = 1) -> Score:
-    """Of every so many changes of a rule: the suite's comparison of graphs finds it."""
+    """Tests every n-th fault of rules of differentiation: does the suite's comparison of graphs
+    detect it?
+    """
     problems = covering_problems()
     assert not _disagree(problems), "what is right must agree, else every change is found"
     found, missed = 0, list[str]()
@@ -118,7 +120,9 @@ def _disagree(problems: Iterable[Problem]) -> bool:
 
 
 def emitter_score(name: str, every: int = 1, dtype: Dtype = "float32") -> Score:
-    """Of every so many changes of the functions of a model's kernel: the check finds it."""
+    """Tests every n-th fault in the C of a model's kernel: does the check of new kernels
+    detect it?
+    """
     text, closed = MODELS[name]
     program = close_loop(compiled(text), closed)
     log, weights = log_of(program), initial(program)
@@ -152,7 +156,7 @@ def emitter_score(name: str, every: int = 1, dtype: Dtype = "float32") -> Score:
 
 
 def _of_model(text: str) -> tuple[str, str, str]:
-    """What the emitter writes, the functions of the model, and what stands around them."""
+    """Splits the text of a kernel: the text before the model's functions, these, and the rest."""
     begin, end = text.index("kernel_start("), text.index("struct problem {")
     begin = text.rindex("\n/*", 0, begin) + 1
     end = text.rindex("}\n", 0, end) + 2
@@ -161,7 +165,9 @@ def _of_model(text: str) -> tuple[str, str, str]:
 
 @contextmanager
 def _judged_once() -> Iterator[None]:
-    """The interpreter answers each question once: it is asked the same of every mutant."""
+    """A context in which the interpreter caches its results, because each fault needs the same
+    ones.
+    """
     right = kernel_check.InterpretedTraining
     answers: dict[tuple[bytes, bytes, int], InterpretedLosses] = {}
 
@@ -181,7 +187,7 @@ def _judged_once() -> Iterator[None]:
 
 
 def _in_a_process(check: Callable[[], None]) -> bool:
-    """Whether the check refuses; a changed kernel may crash, or never end."""
+    """True if the check fails, in a process of its own: a faulty kernel may crash, or never end."""
     child = os.fork()
     if child == 0:
         signal.alarm(_SECONDS)
@@ -197,7 +203,7 @@ def _in_a_process(check: Callable[[], None]) -> bool:
 
 @contextmanager
 def _source(source: KernelSource) -> Iterator[None]:
-    """Kernels are made of this source."""
+    """A context in which kernels are built from this source."""
     before = kernel_module.kernel_source
 
     def other(
@@ -215,7 +221,7 @@ def _source(source: KernelSource) -> Iterator[None]:
 
 @contextmanager
 def _fast_compiler() -> Iterator[None]:
-    """Changed kernels run once: building them takes longer than running them."""
+    """A context with a quick compilation: faulty kernels run only once."""
     before = compile_kernel.LANES_BY_GCC
     compile_kernel.LANES_BY_GCC = ("-O1",)
     try:

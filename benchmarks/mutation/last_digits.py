@@ -1,4 +1,4 @@
-"""Moves each constant of the math functions of generated C to its neighbours."""
+"""Changes each constant of generated math functions to a neighbouring number."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _WORD = re.compile(r"(?<![\w.])(0x[0-9a-fA-F]+|\d{4,})U\b")
 
 
 def last_digits(code: str) -> Iterator[tuple[_Change, ...]]:
-    """The next number above or below in its precision, and words by one."""
+    """Yields the changes: a float to the next one above or below, an integer by one."""
     for body in _FUNCTION.finditer(code):
         for match in _REAL.finditer(body[1]):
             text, suffix = match[1], match[2]

@@ -1,4 +1,4 @@
-"""The functions of a generated C source of mathematical functions, by what they call."""
+"""Splits a generated C source of mathematical functions into its functions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Infinities and NaN alone are subtracted from themselves. Of `x + (x * …)` the 
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """One of them, with `own` for the name of the model."""
+    """A C function; `own` replaces the model's name in its text."""
 
     name: str
     text: str
@@ -34,34 +34,34 @@ class Function:
 
     @property
     def is_public(self) -> bool:
-        """Whether a model calls it."""
+        """True if code of a model calls the function."""
         return not self.text.startswith("static ")
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """Those that are read."""
+        """The names of the arguments that the function reads."""
         return tuple(one for one in self.given if "*" not in one)
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Those that point to where a result goes."""
+        """The names of the arguments that point to results."""
         return tuple(one for one in self.given if "*" in one)
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether a function of one number is even or odd by its text; zeros are left out."""
+        """True if the text shows a function of one number to be even or odd, apart from zeros."""
         if self.arguments != ("float x",) or self.result == "void":
             return False
         body = self.text.partition("{")[2]
         return re.search(r"\bx\b", _MIRRORED.sub("", body)) is None
 
     def calls(self, name: str) -> bool:
-        """Whether its text does."""
+        """True if the text of the function calls `name`."""
         return self.name != name and re.search(rf"\b{name}\(", self.text) is not None
 
 
 def functions_of(source: str, prefix: str = PREFIX) -> dict[str, Function]:
-    """All of a source, callees first."""
+    """All functions of a source by name, called ones before their callers."""
     own = re.sub(rf"\b{prefix}_", f"{PREFIX}_", source)
     return {
         match["name"]: Function(
@@ -72,7 +72,7 @@ def functions_of(source: str, prefix: str = PREFIX) -> dict[str, Function]:
 
 
 def needed(functions: Mapping[str, Function], name: str) -> dict[str, Function]:
-    """A function and all that it calls, callees first."""
+    """A function and all functions that it calls, called ones first."""
     wanted = {name}
     for function in reversed([*functions.values()]):
         if any(functions[one].calls(function.name) for one in wanted):
@@ -81,7 +81,7 @@ def needed(functions: Mapping[str, Function], name: str) -> dict[str, Function]:
 
 
 def text_hash(right: Mapping[str, Function], changed: Mapping[str, Function]) -> str:
-    """Of both texts, wherever their lines are broken, and whoever may call them."""
+    """The hash of both texts, independent of line breaks and of callers."""
     texts = (
         "".join(one.text.removeprefix("static ") for one in of.values()) for of in (right, changed)
     )

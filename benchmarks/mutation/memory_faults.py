@@ -20,7 +20,7 @@ _LOCAL = re.compile(
 
 
 def deleted(code: str) -> Iterator[tuple[_Change, ...]]:
-    """A store to the state, an output, a slope, a vector or the status is missing."""
+    """A store to the state, an output, a derivative, a vector or the status is removed."""
     for body in _FUNCTION.finditer(code):
         for match in _STORE.finditer(body[1]):
             if "=" in match[1]:
@@ -28,7 +28,7 @@ def deleted(code: str) -> Iterator[tuple[_Change, ...]]:
 
 
 def raw_samples(code: str) -> Iterator[tuple[_Change, ...]]:
-    """`hold` keeps the sample as it came, not what was valid."""
+    """`hold` stores the sample as received instead of the valid one."""
     for match in _HELD.finditer(code):
         raw = f"u->{match[1]}{match[2]}"
         if match[3].startswith(match[1]):
@@ -36,7 +36,7 @@ def raw_samples(code: str) -> Iterator[tuple[_Change, ...]]:
 
 
 def shared_memory(code: str) -> Iterator[tuple[_Change, ...]]:
-    """A field of the state lies in a static object, the same for all instances."""
+    """A member of the state becomes a static object, which all instances share."""
     first = _FUNCTION.search(code)
     if first is None:
         return
@@ -51,7 +51,7 @@ def shared_memory(code: str) -> Iterator[tuple[_Change, ...]]:
 
 
 def static_locals(code: str) -> Iterator[tuple[_Change, ...]]:
-    """A local keeps its place between calls."""
+    """A local variable becomes static, so that it keeps its value between calls."""
     for body in _FUNCTION.finditer(code):
         for match in _LOCAL.finditer(body[1]):
             indent, type, name, size, value = match.groups()

@@ -1,4 +1,4 @@
-"""Changes generated C in one place at a time, by class of fault."""
+"""Puts faults into generated C, one at a time, by class of fault."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DEFINITION = re.compile(r"^const \w+_real \w+_sample_time = (.*?)f?;", re.MULTI
 
 @dataclass(frozen=True, slots=True)
 class Mutant:
-    """The changed source, and what was changed in which line."""
+    """A source with one fault: the changed text, its line and its class."""
 
     kind: str
     file: str
@@ -41,7 +41,7 @@ class Mutant:
 
 
 def mutants(export: Path, prefix: str) -> Iterator[Mutant]:
-    """Every mutant of the sources of a model; its self-test and trained values stay as they are."""
+    """Yields every fault in the sources of a model, except its self-test and trained values."""
     for end, classes in _FILES.items():
         path = export / "src" / f"{prefix}{end}.c"
         if path.is_file():
@@ -55,12 +55,12 @@ _SEEN_SQUARED = 0.1
 
 
 def value_mutants(source: str) -> Iterator[Mutant]:
-    """Constants, indices, bounds, signs and comparisons of the functions of any other C."""
+    """Yields faults in other C: constants, indices, bounds, signs and comparisons."""
     yield from _mutants("value", "", source, lambda code: _values(code, _SEEN_SQUARED))
 
 
 def last_digit_mutants(source: str) -> Iterator[Mutant]:
-    """Constants of mathematical functions, in single or double precision."""
+    """Yields faults in the last digit of constants of mathematical functions."""
     yield from _mutants("last digit", "", source, last_digits)
 
 
@@ -83,7 +83,7 @@ def _mutants(
 
 
 def _line_and_change(source: str, place: Change) -> tuple[int, str, str]:
-    """Where the line of a change begins, the line, and what becomes what."""
+    """The start of the changed line, its text, and the change in words."""
     begin, end, instead = place
     here = source.rfind("\n", 0, begin)
     line = source[here + 1 : source.find("\n", begin)].strip()
@@ -98,7 +98,7 @@ def _function(code: str, place: int) -> str:
 
 
 def _values(code: str, added: float = 0.001) -> Iterator[tuple[Change, ...]]:
-    """Constants by 1 %, indices, bounds, signs and comparisons of every function."""
+    """Yields changes of constants by 1 %, and of indices, bounds, signs and comparisons."""
     for body in _BODY.finditer(code):
         for begin, end, instead in _values_of(body[1], added):
             yield ((body.start(1) + begin, body.start(1) + end, instead),)
@@ -122,7 +122,7 @@ def _values_of(code: str, added: float) -> Iterator[Change]:
 
 
 def _sample_time(code: str) -> Iterator[tuple[Change, ...]]:
-    """The time between two steps, a little and much longer."""
+    """Yields changes of the sample time: slightly longer, and much longer."""
     for match in _DEFINITION.finditer(code):
         for factor in (1.000001, 2.0):
             yield ((match.start(1), match.end(1), repr(float(match[1]) * factor)),)

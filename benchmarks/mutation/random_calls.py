@@ -1,7 +1,7 @@
-"""Calls the functions of a model with random numbers, and sums up all answers in a hash.
+"""Calls the functions of a model with random numbers, and computes a hash of all results.
 
-Numbers are of any bits, of any size around 1, small whole ones, 0, infinite and NaN, in states,
-inputs, samples that `reset` takes and parameters.
+Numbers have arbitrary bits, or any size around 1, or are small integers, 0, infinite or NaN. They
+are used for states, inputs, samples of `reset` and parameters.
 """
 
 from __future__ import annotations
@@ -107,7 +107,9 @@ _PARAMETERS = """static {prefix}_params_t p;
 
 
 def random_calls(model: ExportedC, calls: int) -> str:
-    """A program that prints a hash of all answers to so many random calls; single precision."""
+    """The C text of a program that prints a hash of all results of `calls` random calls; float32
+    only.
+    """
     p = ", &p" if model.takes_parameters else ""
 
     def fill(base: str, members: tuple[tuple[str, int | None, bool], ...]) -> str:
@@ -131,5 +133,5 @@ def random_calls(model: ExportedC, calls: int) -> str:
 
 
 def answers(program: Path) -> str:
-    """What the linked program prints."""
+    """The output of the program."""
     return subprocess.run([program], check=True, capture_output=True, text=True).stdout

@@ -42,7 +42,7 @@ _MEASURES = ("mse", "rmse", "mae", "huber")
 
 @dataclass(frozen=True, slots=True)
 class RandomStage:
-    """What a stage trains on, and where it begins."""
+    """A random training stage: its model, its data and its initial weights."""
 
     text: str
     program: Program
@@ -54,7 +54,9 @@ class RandomStage:
 
 
 def random_stage(seed: int) -> RandomStage:
-    """The stage of this number: its residuals are from 0 and 1e-6 of the signal to all of it."""
+    """The random training stage of a seed; its residuals are 0, or from 1e-6 of the signal up to
+    its size.
+    """
     random = np.random.default_rng((180, seed))
     pick = random.choice
     size = 10.0 ** random.uniform(-3, 5)
@@ -93,7 +95,9 @@ def _followed(
     share: float,
     random: np.random.Generator,
 ) -> FloatArray:
-    """Rows of x that are what the step predicts from the rows before, and noise."""
+    """Data of x that the model predicts exactly from the rows before, plus noise of size
+    `share`.
+    """
     if share == 1.0:
         return log["x"]
     found = {name: values.copy() for name, values in log.items()}

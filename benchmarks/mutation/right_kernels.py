@@ -1,4 +1,4 @@
-"""Checks right kernels, none of which may be refused: of random stages and of the gallery."""
+"""Counts correct kernels that the check of new kernels refuses by mistake."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.examples.gallery import NAMES, gallery_copy, spec_of
 
 
 def alarms(seeds: Iterable[int]) -> int:
-    """How many right kernels of random stages the check refuses."""
+    """The number of correct kernels of random stages that the check refuses."""
     tried = refused = 0
     began = time.monotonic()
     for seed in seeds:
@@ -39,7 +39,7 @@ def alarms(seeds: Iterable[int]) -> int:
 
 
 def check_stage(stage: RandomStage) -> None:
-    """Checks the kernel of a random stage, and that of its sensitivities if it is to have one."""
+    """Checks the kernel of a random stage, and its kernel of sensitivities if it has one."""
     kernel = Kernel(stage.program, stage.dtype)
     check_kernel(kernel, stage.log, stage.runs, stage.weights)
     if stage.second_order:
@@ -49,7 +49,9 @@ def check_stage(stage: RandomStage) -> None:
 
 
 def gallery(place: Path) -> int:
-    """How many kernels of the gallery the check refuses: both precisions, and second order."""
+    """The number of kernels of the gallery that the check refuses, in both precisions and with
+    sensitivities.
+    """
     gallery_copy(place)
     refused = 0
     for name in NAMES:

@@ -48,20 +48,20 @@ _SECONDS = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How many of the changes were seen, and those that were not."""
+    """The detected faults, those that change no result, and the undetected ones."""
 
     seen: tuple[Mutant, ...]
     equivalent: tuple[Mutant, ...]
     missed: tuple[Mutant, ...]
 
     def of(self, kind: str) -> Score:
-        """Of one class of faults."""
+        """The score of one class of faults."""
         parts = (self.seen, self.equivalent, self.missed)
         return Score(*(tuple(m for m in part if m.kind == kind) for part in parts))
 
     @property
     def total(self) -> int:
-        """All that can be seen."""
+        """The number of faults that can be detected."""
         return len(self.seen) + len(self.missed)
 
 
@@ -92,7 +92,10 @@ def _show(name: str, score: Score) -> None:
 
 
 def export_with_drawn_weights(name: str, folder: Path, extras: Collection[str] = ()) -> None:
-    """Weights near the initial ones, not equal as these are: that would hide wrong indices."""
+    """Exports a model with random weights near the initial ones.
+
+    Equal weights, as initial ones often are, would hide wrong indices.
+    """
     model = load_model(GALLERY / f"{name}.msnn.yaml")
     (plan,) = plan_exports(model, ["c"], Findings(), extras)
     random = np.random.Generator(np.random.Philox(3))
@@ -105,7 +108,7 @@ def export_with_drawn_weights(name: str, folder: Path, extras: Collection[str] =
 def mutation_score(
     export: Path, prefix: str, every: int = 1, kinds: Collection[str] = (), jobs: int = 2
 ) -> Score:
-    """Of every so many changes of the model's own sources, of these classes or of all."""
+    """Tests every n-th fault of the given classes (default: all) in the model's own sources."""
     changed = [m for m in mutants(export, prefix) if not kinds or m.kind in kinds][::every]
     with tempfile.TemporaryDirectory() as place:
         objects = _objects(export, Path(place))
@@ -137,7 +140,7 @@ def mutation_score(
 
 
 class _Proof:
-    """Whether a change changes no answer, by the compiler and by random calls."""
+    """Tests if a fault changes no result, by the compiler and by random calls."""
 
     def __init__(
         self, export: Path, prefix: str, objects: Mapping[str, Path], folder: Path
@@ -184,7 +187,7 @@ def _is_test(name: str) -> bool:
 
 
 def _objects(export: Path, folder: Path) -> dict[str, Path]:
-    """All sources, compiled once."""
+    """Compiles all sources of an export; returns the object files by name."""
     objects = {path.name: folder / f"{path.stem}.o" for path in _sources(export)}
     for path in _sources(export):
         command = ["gcc", *_FLAGS, f"-I{export / 'include'}", "-c", path, "-o", objects[path.name]]
@@ -232,7 +235,9 @@ def _fails(program: Path, environment: Mapping[str, str]) -> bool:
 
 
 def _seen(mutant: Mutant, export: Path, objects: dict[str, Path], folder: Path) -> bool | None:
-    """Whether the test program fails or there is memory of its own; None if it is no C."""
+    """True if the test program fails or there is static memory; None if the text does not
+    compile.
+    """
     folder.mkdir()
     changed, compiled, program = folder / "changed.c", folder / "changed.o", folder / "program"
     changed.write_text(mutant.text, encoding="utf-8")

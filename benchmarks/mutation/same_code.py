@@ -22,7 +22,7 @@ _HIDDEN = "extern _Bool is_finite(float) __attribute__((const));\n"
 
 
 def code_of(source: str, includes: Sequence[Path], folder: Path) -> str:
-    """What gcc makes of a source in single precision."""
+    """The machine code that gcc makes of a source in single precision."""
     path = folder / "compared.c"
     path.write_text(_HIDDEN + _FINITE.sub(r"is_finite(\1)", source), encoding="utf-8")
     command = ["gcc", *_FLAGS, *(f"-I{path}" for path in includes), path]

@@ -31,7 +31,7 @@ __attribute__((constructor)) static void choose_mutant(void)
 
 
 def with_all(model: str, changed: Sequence[Mutant]) -> str:
-    """The functions of a model, and of each mutant the one that it changes."""
+    """The functions of a model, and for each fault the changed function under a name of its own."""
     copies: dict[str, list[tuple[int, str]]] = {}
     for number, mutant in enumerate(changed, start=1):
         name, text = _changed_function(model, mutant.text)
@@ -54,7 +54,7 @@ def with_all(model: str, changed: Sequence[Mutant]) -> str:
 
 
 def program_with_all(source: str, changed: Sequence[Mutant]) -> str:
-    """The same of a source file; the environment's `msnn_mutant` chooses."""
+    """The same for a source file; the environment variable `msnn_mutant` selects the fault."""
     return with_all(source, changed) + _BY_ENVIRONMENT
 
 

@@ -32,12 +32,12 @@ _ARITHMETIC: dict[str, Callable[[np.float32, np.float32], np.float32]] = {
 
 
 class NotProvedError(Exception):
-    """The code has what this module does not know, or a zero whose sign may matter."""
+    """The code has a form that this module does not know, or a zero whose sign may matter."""
 
 
 @dataclass
 class _Expressions:
-    """Each expression once, with the numbers that it can be; None where NaN is among them."""
+    """Expressions, each stored once, with the interval of their values; None if NaN is possible."""
 
     exact: bool
     nodes: dict[tuple[object, ...], Node] = field(default_factory=dict[tuple[object, ...], Node])
@@ -60,7 +60,7 @@ class _Expressions:
         return bounds is not None and bounds[0] == bounds[1] == value
 
     def truth(self, node: Node) -> bool | None:
-        """Of a condition; None where it is open."""
+        """The truth of a condition; None if it is undecided."""
         return None if self.bounds[node] is None else not self.is_number(node, 0.0)
 
     def arithmetic(self, sign: str, a: Node, b: Node) -> Node:
@@ -127,7 +127,7 @@ class _Expressions:
 def answers_of(
     bodies: Sequence[str], inputs: Mapping[str, Interval], *, exact: bool = False
 ) -> list[dict[str, tuple[Node, ...]]]:
-    """What each function body leaves in what is not its own, and the bits of its status.
+    """The final values of each function body in memory of its caller, and the bits of its status.
 
     Equal expressions of all bodies are the same node.
     """
@@ -183,7 +183,9 @@ class _Run:
             self._assignment()
 
     def _report(self) -> None:
-        """`if (…) { status |= BIT; }` and `if (…) { model_flagged(x, low, high, &status); }`."""
+        """Evaluates `if (…) { status |= BIT; }` and `if (…) { model_flagged(x, low, high, &status);
+        }`.
+        """
         for text in ("if", "("):
             self._take(text)
         condition = self._expression()
@@ -219,7 +221,7 @@ class _Run:
             raise NotProvedError
 
     def _loop(self) -> None:
-        """`for (uint32_t i = 0U; i < 6U; i++) { … }`."""
+        """Evaluates `for (uint32_t i = 0U; i < 6U; i++) { … }`."""
         for text in ("for", "(", "uint32_t"):
             self._take(text)
         name = self._take()

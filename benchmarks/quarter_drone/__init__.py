@@ -1,1 +1,1 @@
-"""Models of a real drone arm, by the command line, beside published figures."""
+"""Models a real drone arm by the command line, and compares the errors with published ones."""

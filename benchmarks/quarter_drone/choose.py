@@ -119,7 +119,9 @@ CANDIDATES: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
 
 
 def main() -> None:
-    """Prints the errors of every candidate on the blocks held out, and the chosen one's on 2, 4."""
+    """Prints the errors of every candidate on held-out blocks, and those of the chosen one on
+    blocks 2 and 4.
+    """
     parser = argparse.ArgumentParser(description="Choose a model of the quarter-drone rig.")
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--candidates", nargs="*", choices=CANDIDATES, default=list(CANDIDATES))
@@ -162,7 +164,7 @@ def written(candidate: str, folder: Path) -> Path:
 
 
 def held_out(specs: list[Path], folder: Path, block: int) -> dict[str, float]:
-    """The error in degrees on one block, of what is trained on the two others."""
+    """The error in degrees on one block, after training on the other two."""
     trained = [each for each in BLOCKS if each != block]
     split = f"data.split={{by: block, blocks: 5, train: {trained}, val: [{block}]}}"
     command = [sys.executable, "-m", "msnn", "compare", *[spec.name for spec in specs]]

@@ -1,4 +1,4 @@
-"""The published protocol on one record, by `msnn train` and `msnn validate` alone."""
+"""Follows the published protocol on one recording, by `msnn train` and `msnn validate` alone."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ PUBLISHED = {
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """RMSE in degrees of the free simulation over the blocks that were not trained on."""
+    """RMSE in degrees of the free-run simulation over the blocks that were not used for
+    training.
+    """
 
     degrees: float
     rows: int

@@ -22,22 +22,22 @@ ANGLES = slice(3, 6)
 
 @dataclass(frozen=True)
 class Twist:
-    """The base at one state: E and its derivative Ė, with ω in the axes that were asked for."""
+    """The matrices that convert speeds of the base in one state: E and its derivative Ė."""
 
     rotation: Array
     E: Array
     slope: Array
 
     def speeds(self, dx: Array) -> Array:
-        """v of ẋ."""
+        """v from ẋ."""
         return self._turned(self.E, dx)
 
     def forces(self, torques: Array) -> Array:
-        """τ_v of τ_ẋ."""
+        """τ_v from τ_ẋ."""
         return self._turned(np.linalg.inv(self.E).T, torques)
 
     def accelerations(self, dv: Array, dx: Array) -> Array:
-        """ẍ of v̇."""
+        """ẍ from v̇."""
         left = dv.copy()
         left[ANGLES] -= self.slope @ dx[ANGLES]
         return self._turned(np.linalg.inv(self.E), left)
@@ -49,7 +49,10 @@ class Twist:
 
 
 def twist(x: Array, dx: Array, *, of_body: bool) -> Twist:
-    """The base at coordinates and speeds; ω along the axes of the body, or of the world."""
+    """The conversion of speeds of the base at coordinates x and speeds ẋ.
+
+    ω is along the axes of the body if `of_body`, else of the world.
+    """
     (sf, st, sp), (cf, ct, cp) = np.sin(x[ANGLES]), np.cos(x[ANGLES])
     df, dt, dp = dx[ANGLES]
     yaw = np.array([[cp, -sp, 0], [sp, cp, 0], [0, 0, 1]])

@@ -41,7 +41,9 @@ ROUNDS, CALLS = 5, 10
 
 
 def drawn() -> dict[str, Array]:
-    """A log of one rollout after the other: random states, and torques that change slowly."""
+    """Random data: the rollouts one after the other, with random states and slowly changing
+    torques.
+    """
     rng = np.random.default_rng(3)
     rows = BATCH * (HORIZON + 1)
     t = np.arange(rows)[:, None] * SAMPLE_TIME
@@ -50,7 +52,7 @@ def drawn() -> dict[str, Array]:
 
 
 def starting() -> dict[str, Array]:
-    """The learned numbers: of a friction that grows with speed, so that no rollout is unstable."""
+    """The initial parameters: a friction that grows with speed, so that no rollout is unstable."""
     rng = np.random.default_rng(4)
     means = {"C_v": 0.8, "C_c": 0.2, "C_s": 0.3, "C_w": -0.3}
     found: dict[str, Array] = {
@@ -122,7 +124,7 @@ class OfAdam:
 
 
 def _friction(theta: dict[str, Tensor], q: Tensor, w: Tensor) -> tuple[Tensor, Tensor]:
-    """The torque, and its slope in the speed."""
+    """The friction torque, and its derivative with respect to speed."""
     basis = torch.stack([torch.ones_like(q), torch.sin(q), torch.cos(q)], dim=-1)
     kv, kc, ks, ws = (softplus(torch.sum(theta[f"C_{n}"] * basis, -1)) for n in "vcsw")
     sign, fall = torch.tanh(w / theta["w_0"]), torch.exp(-((w / ws) ** 2))

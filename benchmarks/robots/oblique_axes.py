@@ -34,7 +34,7 @@ _JOINT = """
 
 
 def chain(aside: float) -> str:
-    """A URDF of six joints along ±x, ±y and ±z, so far aside of it in the other directions."""
+    """A URDF with six joints along ±x, ±y and ±z, tilted by `aside`."""
     text, parent = '<robot name="oblique">\n  <link name="floor"/>', "floor"
     kinds = ("continuous", "continuous", "prismatic", "continuous", "prismatic", "continuous")
     for number, kind in enumerate(kinds):
@@ -47,7 +47,7 @@ def chain(aside: float) -> str:
 
 
 def by_mujoco(text: str, log: dict[str, Array]) -> dict[str, Array]:
-    """Mass matrices, C(q, dq) dq + g(q), and accelerations."""
+    """Mass matrices, bias forces C(q, dq) dq + g(q), and accelerations by MuJoCo."""
     head = '<mujoco><compiler balanceinertia="false" fusestatic="true"/></mujoco>'
     named = '<robot name="oblique">'
     model = mujoco.MjSpec.from_string(text.replace(named, named + head)).compile()

@@ -91,7 +91,7 @@ def by_pinocchio(robot: Robot, labels: tuple[str, ...], log: dict[str, Array]) -
 
 
 def by_adam(robot: Robot, labels: tuple[str, ...], log: dict[str, Array]) -> Array:
-    """Accelerations, by mass matrix and bias force."""
+    """Accelerations by ADAM, from its mass matrix and bias force."""
     base_of = 6 if robot.floats else 0
     adam = KinDynComputations(
         str(robot.file), list(labels[base_of:]), gravity=np.array([0, 0, -9.81, 0, 0, 0.0])
@@ -116,7 +116,7 @@ def by_adam(robot: Robot, labels: tuple[str, ...], log: dict[str, Array]) -> Arr
 
 
 def by_mujoco(robot: Robot, labels: tuple[str, ...], log: dict[str, Array]) -> Array:
-    """Accelerations."""
+    """Accelerations by MuJoCo."""
     text = robot.file.read_text(encoding="utf-8")
     text = re.sub(r"<limit[^>]*/>", "", text).replace('type="revolute"', 'type="continuous"')
     fuse = "false" if robot.floats else "true"
@@ -190,7 +190,9 @@ def main() -> None:
 
 
 def compare(robot: Robot) -> None:
-    """Prints how far every other program is, which is less than 1e-10, and records pinocchio."""
+    """Prints the errors of msnn against every other program, and saves pinocchio's results for
+    tests.
+    """
     program = robot.program()
     labels = joints_of(program)
     log = drawn(len(labels), STATES)

@@ -43,7 +43,7 @@ outputs:
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot to be compared: its file, its base, the inertia of its motors, a link."""
+    """A robot to compare: its file, its base, the inertia of its motors, and one of its links."""
 
     name: str
     file: Path
@@ -54,7 +54,7 @@ class Robot:
     recorded: bool = True
 
     def program(self) -> Program:
-        """All that msnn computes of it."""
+        """The program with all quantities that msnn computes of the robot."""
         base = "floating" if self.floats else "fixed"
         text = SPEC.format(urdf=self.file, base=base, armature=self.armature, tip=self.tip)
         with TemporaryDirectory() as folder:
@@ -85,12 +85,12 @@ def turning_tree(folder: Path) -> Robot:
 
 
 def joints_of(program: Program) -> tuple[str, ...]:
-    """The labels of q."""
+    """The names of the elements of q."""
     return next(d.labels for d in program.dimensions if d.name.endswith("joint"))
 
 
 def drawn(count: int, states: int) -> dict[str, Array]:
-    """Random q, dq, ddq and tau with three decimals, so that files of them are short."""
+    """Random q, dq, ddq and tau with three decimals, so that their files are short."""
     rng = np.random.default_rng(7)
     widths = {"q": 1.4, "dq": 3.0, "ddq": 10.0, "tau": 10.0}
     return {
@@ -108,7 +108,7 @@ def computed(program: Program, log: dict[str, Array]) -> dict[str, Array]:
 
 
 def error_of(found: Array, expected: Array) -> float:
-    """The largest difference of a state, relative to its largest number or 1."""
+    """The largest error of any state, relative to its largest value or 1."""
     axes = tuple(range(1, expected.ndim))
     scale = np.maximum(np.max(np.abs(expected), axis=axes), 1.0)
     return float(np.max(np.max(np.abs(found - expected), axis=axes) / scale))

@@ -20,7 +20,7 @@ TRAININGS = (0.05, 1.0, 10.0)
 
 
 def main() -> None:
-    """Read, compute, print."""
+    """Reads the measurements, computes, and prints the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="keep the figures")
     given = parser.parse_args()
@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def sweeps(text: str) -> list[str]:
-    """How many workers one command keeps busy."""
+    """Lines that say how many workers one command keeps busy."""
     command = median(found(r"on Ray: ([\d.]+) ms in this process", text))
     return [
         f"the command needs {command:.1f} ms of CPU a training",
@@ -41,7 +41,7 @@ def sweeps(text: str) -> list[str]:
 
 
 def terabyte(text: str) -> list[str]:
-    """What a terabyte takes, as 10⁸ rows take it."""
+    """Lines that extrapolate the training on 10⁸ rows to a terabyte."""
     (rows,) = found(r"([\d,]+) rows written", text)
     (size,) = found(r"rows written in .*?, ([\d.]+) GB", text)
     times = TERABYTE / (size * 1e9)
@@ -58,7 +58,7 @@ def terabyte(text: str) -> list[str]:
 
 
 def found(pattern: str, text: str) -> list[float]:
-    """The numbers of all places of a pattern."""
+    """The numbers at all matches of a pattern."""
     numbers = re.findall(pattern, text, flags=re.MULTILINE)
     return [float(number.replace(",", "")) for number in numbers]
 

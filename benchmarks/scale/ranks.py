@@ -73,7 +73,7 @@ def main() -> None:
 
 
 def train(folder: Path) -> None:
-    """One process: writes the loss, time and processor seconds at the end of each epoch."""
+    """Trains in one process; writes loss, time and CPU seconds after each epoch."""
     import msnn
     from msnn.training.records.progress import EpochEnd
 
@@ -95,7 +95,7 @@ def train(folder: Path) -> None:
 
 
 def measure(folder: Path, rows: int, rounds: int) -> list[str]:
-    """Trains each spec in one process and in two, by turns; what was said of it."""
+    """Trains each spec in one process and in two, alternately; returns lines of results."""
     said: list[str] = []
     generator = np.random.default_rng(0)
     for name, count in (("train", rows), ("val", 100_000)):
@@ -120,7 +120,7 @@ def measure(folder: Path, rows: int, rounds: int) -> list[str]:
 
 
 def run(folder: Path, ranks: int) -> list[list[dict[str, float]]]:
-    """The lines of every rank."""
+    """Trains with `ranks` processes; returns the lines that each wrote."""
     torchrun = ["-m", "torch.distributed.run", "--nproc-per-node", str(ranks)]
     words = [sys.executable, *(torchrun if ranks > 1 else []), __file__, str(folder), "--trains"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -131,7 +131,7 @@ def run(folder: Path, ranks: int) -> list[list[dict[str, float]]]:
 
 
 def epoch(lines: list[dict[str, float]], what: str) -> float:
-    """The median of an epoch, which other work disturbs least."""
+    """The median of a value over the epochs, which other work on the machine disturbs least."""
     times = [line[what] for line in lines]
     return statistics.median(b - a for a, b in pairwise(times))
 

@@ -39,14 +39,14 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 
 @dataclass
 class Clock:
-    """Hears when trainings end."""
+    """A receiver of events that notes when trainings end."""
 
     ends: list[float] = field(default_factory=list[float])
     used: list[Mapping[str, float]] = field(default_factory=list[Mapping[str, float]])
     trials: int = 0
 
     def began(self, trials: int) -> None:
-        """Nothing has ended yet."""
+        """Resets the times at the beginning of a sweep."""
         self.trials = trials
 
     def ended(self, trial: Trial, outcome: TrialOutcome) -> None:
@@ -57,14 +57,14 @@ class Clock:
             self.used.append(cpu_seconds())
 
     def each(self, who: str) -> float:
-        """Milliseconds of CPU a training between the first result and the last."""
+        """Milliseconds of CPU time per training between the first and the last result."""
         begin, end = self.used[0], self.used[-1]
         used = end.get(who, 0.0) - begin.get(who, 0.0)
         return 1e3 * used / (len(self.ends) - 1)
 
 
 def main() -> None:
-    """Make the data, start Ray, sweep, print."""
+    """Makes the data, starts Ray, sweeps, and prints the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=30)
     parser.add_argument("--rounds", type=int, default=5)
@@ -100,7 +100,7 @@ def main() -> None:
 
 
 def measured(spec: Path, address: str | None, draws: int, seed: int) -> Clock:
-    """When trainings ended, and what was used until then."""
+    """Runs a sweep; returns the times at which trainings ended, and CPU times."""
     clock = Clock()
     msnn.sweep(
         spec,
@@ -117,13 +117,15 @@ def measured(spec: Path, address: str | None, draws: int, seed: int) -> Clock:
 
 
 def gap(clock: Clock) -> float:
-    """Milliseconds a training: of five after each other, which come together from a cluster."""
+    """Milliseconds per training, averaged over five, because results of a cluster arrive in
+    groups.
+    """
     groups = clock.ends[::5]
     return 1e3 * median(later - sooner for sooner, later in pairwise(groups)) / 5
 
 
 def cpu_seconds() -> dict[str, float]:
-    """Of this process, and of its children: Ray's workers that train, and Ray's servers."""
+    """CPU seconds of this process, of Ray's workers, and of Ray's servers."""
     used = {"this process": time.process_time(), "worker": 0.0, "servers": 0.0}
     parents = {process: _parent(process) for process in _processes()}
     for process in parents:

@@ -1,4 +1,4 @@
-"""Keeps what the scripts of this folder measure in RESULTS.md, a section each."""
+"""Saves the measurements of this folder in RESULTS.md, one section per command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _TITLE = "# What sweeps, clusters and large data cost"
 
 
 def write_section(command: str, lines: Sequence[str]) -> None:
-    """Replaces the section of a command, or adds it; with the day and the load of the machine."""
+    """Replaces or adds the section of a command, with the date and the load of the machine."""
     text = FILE.read_text(encoding="utf-8") if FILE.is_file() else f"{_TITLE}\n"
     script = command.partition(" ")[0]
     kept = re.sub(rf"\n## `{re.escape(script)}.*?(?=\n## |\Z)", "", text, flags=re.DOTALL)

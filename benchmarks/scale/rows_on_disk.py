@@ -69,7 +69,9 @@ def main() -> None:
 
 
 def generate(folder: Path, rows: int) -> str:
-    """A folder a vehicle, ten row groups a file; `spare` is a column that nobody asks for."""
+    """Writes the data: one folder per vehicle, ten row groups per file, with an unused column
+    `spare`.
+    """
     import pyarrow as arrow
     import pyarrow.parquet as parquet
 
@@ -99,7 +101,7 @@ def generate(folder: Path, rows: int) -> str:
 
 
 def trained(folder: Path, limit: float) -> list[str]:
-    """What a process says that trains on the files."""
+    """Trains on the files in a process of its own; returns the lines that it prints."""
     words = [sys.executable, __file__, str(folder), "--trains", "--limit", str(limit)]
     environment = {**os.environ, "MSNN_CACHE": str(folder / "cache")}
     said: list[str] = []
@@ -142,7 +144,7 @@ def memory() -> str:
 
 
 def figure(name: str) -> int:
-    """KiB, from what Linux says of this process."""
+    """A value in KiB that Linux reports for this process."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return int(next(line for line in lines if line.startswith(name)).split()[1])
 

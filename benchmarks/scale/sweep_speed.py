@@ -39,7 +39,7 @@ DRAW = {
 
 
 def main() -> None:
-    """Make the data, sweep twice, print one line."""
+    """Makes the data, sweeps twice, and prints one line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=2)
@@ -88,7 +88,7 @@ def main() -> None:
 
 
 def sizes(runs: Path) -> str:
-    """What a training leaves: files of its folder, and its line of the log."""
+    """The size of the files of a training, and of its line in the log."""
     lines = (runs / LOG).read_bytes().splitlines()
     files = [path for path in runs.rglob("*") if path.is_file() and path.name != LOG]
     kept = sum(path.stat().st_size for path in files)
@@ -100,7 +100,7 @@ def sizes(runs: Path) -> str:
 
 
 def cpu_seconds() -> float:
-    """Of this process and of its children that have ended, with the server that forks workers."""
+    """CPU seconds of this process and of its ended children."""
     server = ensure_running.__self__  # nothing public ends it, and it counts when it has ended
     assert isinstance(server, ForkServer)
     vars(ForkServer)["_stop"](server)

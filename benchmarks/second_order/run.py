@@ -37,19 +37,21 @@ CLOSE = (2.0, 1.1, 1.01)
 
 @dataclass
 class Watched(Silent):
-    """When each epoch ended, and the best validation loss by then."""
+    """A receiver of progress that notes when each epoch ended, and the best validation loss
+    so far.
+    """
 
     seconds: list[float] = field(default_factory=list[float])
     best: list[float] = field(default_factory=list[float])
 
     def epoch_ended(self, event: EpochEnd) -> None:
-        """Keeps the event's time and value."""
+        """Notes the time and the best validation loss after an epoch."""
         self.seconds.append(event.seconds)
         self.best.append(event.best)
 
 
 def systems(drone: Path) -> dict[str, tuple[Path, tuple[str, ...], Path]]:
-    """The spec, further settings and data folder of each system that is there."""
+    """The spec, settings and data folder of each system whose data are available."""
     plant = ROOT / "examples" / "mass_spring_damper" / "msd_physical.msnn.yaml"
     found = {"mass-spring-damper": (plant, ("rollout: episode",), plant.parent)}
     if drone.is_file():
@@ -59,7 +61,7 @@ def systems(drone: Path) -> dict[str, tuple[Path, tuple[str, ...], Path]]:
 
 
 def with_stage(spec: Path, stage: str, source: Path | None) -> Model:
-    """The model with one stage of training; `source` replaces the file of its data."""
+    """The model with a single training stage; `source` replaces the file of its data."""
     settings = [f"train=[{stage}]"]
     if source is not None:
         settings.append(f"data.source.all={source.name}")
@@ -69,7 +71,7 @@ def with_stage(spec: Path, stage: str, source: Path | None) -> Model:
 
 
 def measured(spec: Path, rollout: str, folder: Path, source: Path | None) -> dict[str, Watched]:
-    """One run of every optimiser; each kernel is built before its clock starts."""
+    """Trains by every optimiser; each kernel is built before its clock starts."""
     runs: dict[str, Watched] = {}
     for name, options in OPTIMIZERS.items():
         stage = options.replace("{", f"{{{rollout}, ", 1)
@@ -84,7 +86,9 @@ def measured(spec: Path, rollout: str, folder: Path, source: Path | None) -> dic
 
 
 def table(title: str, runs: dict[str, Watched]) -> str:
-    """Epochs and seconds until each closeness to the best validation loss."""
+    """A table of epochs and seconds until the validation loss is within given factors of
+    the best.
+    """
     best = min(run.best[-1] for run in runs.values())
     heads = " | ".join(f"to {close:g}× best" for close in CLOSE)
     lines = [f"## {title}", "", f"Best validation loss {best:.4g}.", ""]

@@ -32,7 +32,7 @@ _MODES_OF_ALIKE = [(390, False), (1280, True)]
 
 @dataclass(frozen=True)
 class Looks:
-    """How many pages a mode has shown, and what was found."""
+    """The number of pages that were opened in one mode, and the findings."""
 
     width: int
     dark: bool
@@ -89,7 +89,7 @@ the four modes.
 
 
 def _pages(site: Path) -> list[Path]:
-    """All but the page that only a server shows, for addresses that it does not have."""
+    """All pages except the one for unknown addresses, which only a server shows."""
     return [page for page in sorted(site.rglob("*.html")) if page.name != "404.html"]
 
 

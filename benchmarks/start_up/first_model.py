@@ -43,7 +43,7 @@ The installation takes {size:.0f} MB on the disk.
 
 @dataclass(frozen=True)
 class Step:
-    """Something that a user does, and what it took."""
+    """A step that a user takes, with its CPU seconds and its seconds by the clock."""
 
     name: str
     processor: float
@@ -51,7 +51,7 @@ class Step:
 
     @property
     def row(self) -> str:
-        """Its row of the table."""
+        """The row of the step in the table."""
         return f"| {self.name} | {self.processor:.1f} | {self.clock:.1f} |"
 
 
@@ -71,7 +71,7 @@ def main() -> int:
 
 
 def record() -> str:
-    """A first-order lag with a dead time, driven by steps, measured with noise."""
+    """A CSV text: a first-order system with dead time, driven by steps, measured with noise."""
     random = np.random.default_rng(7)
     power = np.repeat(random.uniform(0, 200, ROWS // 50), 50)
     heat = np.zeros(ROWS)
@@ -83,7 +83,7 @@ def record() -> str:
 
 
 def walk(folder: Path) -> str:
-    """Does every step in a folder, and writes the page."""
+    """Takes every step in a folder; returns the page with the results."""
     clone, binaries = folder / "msnn", folder / "environment" / "bin"
     steps: list[Step] = []
 
@@ -127,7 +127,7 @@ def walk(folder: Path) -> str:
 
 
 def _run(command: list[str | Path], home: Path, place: Path) -> str:
-    """What a command prints; nothing is kept from commands before."""
+    """The output of a command that has no caches of earlier commands."""
     own = {"HOME": str(home), "MSNN_CACHE": str(home / "cache")}
     done = subprocess.run(
         command, cwd=place, env={**os.environ, **own}, capture_output=True, text=True, check=False
@@ -138,7 +138,7 @@ def _run(command: list[str | Path], home: Path, place: Path) -> str:
 
 
 def _spent() -> float:
-    """Seconds of the processor that processes took which have ended."""
+    """CPU seconds of all child processes that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

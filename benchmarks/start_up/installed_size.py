@@ -1,10 +1,10 @@
-"""Tells what msnn and what it needs take on the disk of an environment, without what else is there.
+"""Measures the disk space of msnn and its dependencies in an environment, without other packages.
 
-python benchmarks/start_up/installed_size.py                     # of this environment, with [all]
-python benchmarks/start_up/installed_size.py SITE_PACKAGES light  # of another, without extras
-python benchmarks/start_up/installed_size.py --write             # of this one; writes INSTALLED.md
+python benchmarks/start_up/installed_size.py # of this environment, with [all] python
+benchmarks/start_up/installed_size.py SITE_PACKAGES light # of another, without extras python
+benchmarks/start_up/installed_size.py --write # of this one; writes INSTALLED.md
 
-Files are counted by the blocks that they take, with the bytecode beside them, as `du` does.
+Files are counted by the blocks that they take, with their bytecode, as `du` does.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def _page(sizes: dict[str, int]) -> str:
 
 
 def _needed(wanted: list[str], installed: dict[str, Distribution]) -> Iterator[str]:
-    """The names of all that these ask for, directly or not."""
+    """Yields the names of all direct and indirect dependencies."""
     todo, seen = [Requirement(text) for text in wanted], set[str]()
     while todo:
         asked = todo.pop()

@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def _environment(bytecode: Path) -> dict[str, str]:
-    """Without what would compile every module anew, or start threads in some processes only."""
+    """Environment variables without those that would recompile every module or start threads."""
     kept = {name: value for name, value in os.environ.items() if "BYTECODE" not in name}
     return kept | {"PYTHONPYCACHEPREFIX": str(bytecode), "OPENBLAS_NUM_THREADS": "1"}
 
@@ -67,7 +67,7 @@ def _check(tree: Path) -> list[str]:
 def _run(
     command: Sequence[str], folder: str | Path, environment: Mapping[str, str]
 ) -> tuple[float, float]:
-    """CPU seconds and seconds of a process that ends well."""
+    """CPU seconds and seconds of a process; it must end with exit code 0."""
     began = time.perf_counter()
     process = subprocess.Popen(
         command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE

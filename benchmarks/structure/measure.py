@@ -82,7 +82,7 @@ def _is_small(file: Path) -> bool:
 
 
 def _of_control(files: list[Path]) -> Iterator[Path]:
-    """The folders with files that import an optimal control or estimation problem."""
+    """Yields the folders with files that import an optimal control or estimation problem."""
     words = ("optimal_control", "state_estimation", "moving_horizon", "features.control")
     for file in files:
         imports = (line for line in file.read_text("utf-8").splitlines() if "import " in line)
@@ -93,14 +93,14 @@ def _of_control(files: list[Path]) -> Iterator[Path]:
 
 
 def _decisions(checkout: Path) -> int:
-    """Decisions: files of their own, or headings of the rooms' pages."""
+    """The number of decision records."""
     pages = (page for package in PACKAGES for page in (checkout / package).rglob("decisions.md"))
     headings = sum(page.read_text("utf-8").count("\n## 0") for page in pages)
     return headings + len(list((checkout / "docs/decisions").rglob("0*.md")))
 
 
 def _entered(checkout: Path, command: tuple[str, ...]) -> tuple[int, int]:
-    """Functions and files of msnn that a command enters."""
+    """The numbers of functions and of files of msnn that a command runs."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "plant.msnn.yaml").write_text(SPEC, "utf-8")
         python = checkout / ".venv/bin/python"

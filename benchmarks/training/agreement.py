@@ -1,4 +1,4 @@
-"""Whether the contenders train the same model: gradients against float64, losses epoch by epoch."""
+"""Checks that all tools train the same model: gradients against float64, losses epoch by epoch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ EPOCHS = 3
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Largest deviations: native gradient from float64, the tools' losses from native's."""
+    """The largest errors: of native gradients against float64, of other tools' losses against
+    native ones.
+    """
 
     gradient: float
     losses: dict[str, float]
@@ -25,7 +27,7 @@ class Agreement:
 
 
 def agreement(workers: dict[str, Worker], settings: dict[str, Any]) -> Agreement:
-    """Gradients at random weights, then epochs from the initial weights in the data's order."""
+    """Compares gradients at random weights, then losses of epochs from the initial weights."""
     native = workers[NATIVE]
     losses: dict[str, list[float]] = {}
     for name, worker in workers.items():
@@ -58,7 +60,9 @@ def _gradient_deviation(native: Worker, torch: Worker, settings: dict[str, Any])
 
 
 def _told_too_low(settings: dict[str, Any]) -> float:
-    """The peer divides the losses of a rollout epoch by round(starts / batch) batches."""
+    """The factor of losses that nnodely reports: it divides those of an epoch by round(starts /
+    batch) batches.
+    """
     if settings["horizon"] == 1:
         return 1.0
     starts, size = settings["starts"], settings["batch"]

@@ -1,4 +1,4 @@
-"""Environments of the peers: each its own, made once with pip, kept in a folder."""
+"""Makes a Python environment for each other tool, once, with pip."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _LISTS = Path(__file__).parent / "peers"
 
 
 def peer_python(name: str, lists: Path = _LISTS) -> Path:
-    """The interpreter of a peer's environment, made of NAME.txt in `lists` if it is not there."""
+    """The Python interpreter of a tool's environment; makes it from NAME.txt in `lists` if it is
+    missing.
+    """
     given = os.environ.get(FOLDER)
     folder = (Path(given) if given else Path.home() / ".cache" / "msnn" / "peers") / name
     python = folder / "bin" / "python"

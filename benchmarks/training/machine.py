@@ -1,4 +1,4 @@
-"""What the machine can do, and whether it is doing something else."""
+"""Measures the speed of the machine, and if other programs are running."""
 
 from __future__ import annotations
 
@@ -30,10 +30,12 @@ def processor() -> str:
 
 
 def load() -> float:
-    """Processes that wanted to run during the last minute."""
+    """The mean number of processes that were ready to run during the last minute."""
     return os.getloadavg()[0]
 
 
 def stay_on_one_core() -> None:
-    """This process and those it starts run on the last core, so that none has two threads."""
+    """Restricts this process and those that it starts to the last core, so that none has two
+    threads.
+    """
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})

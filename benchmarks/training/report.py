@@ -27,7 +27,7 @@ _EPOCHS = 100
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """One workload at one batch size."""
+    """The times of all tools for one workload at one batch size."""
 
     case: str
     workload: Workload
@@ -44,16 +44,18 @@ class Measured:
 
     @property
     def quiet(self) -> bool:
-        """Whether other work on the machine has not changed the times."""
+        """True if other work on the machine did not change the times."""
         return self.processor or max(self.load) <= QUIET
 
     def quotients(self, tool: str, of: str = NATIVE) -> list[float]:
-        """How many times longer `tool` takes than `of`, round by round."""
+        """The time of `tool` divided by that of `of`, for each round."""
         return [a / b for a, b in zip(self.times[tool], self.times[of], strict=True)]
 
 
 def markdown(found: Sequence[Measured], peak: float, where: str) -> str:
-    """The whole report."""
+    """The report as Markdown; `peak` is the speed of the machine in GFLOP/s, `where`
+    describes it.
+    """
     parts = [
         f"Measured {where}. Peak of one core: {peak:.0f} GFLOP/s (float32 multiply-adds).",
         _times(found, peak),
@@ -128,7 +130,9 @@ def _ratio(value: float) -> str:
 
 
 def _verdict(measured: Measured, met: bool, tool: str) -> str:
-    """Whether a goal is met; not where msnn or the tool it is compared with trains otherwise."""
+    """A text: the goal is met or missed, the results do not agree, or other work disturbed the
+    times.
+    """
     if not measured.agreement.holds_with(tool):
         return "no: the results do not agree"
     if not measured.quiet:

@@ -62,7 +62,7 @@ def _options() -> argparse.Namespace:
 
 
 def _measured(case: str, options: argparse.Namespace) -> Measured:
-    """One workload at one batch size, all contenders."""
+    """Measures all tools for one workload at one batch size."""
     workload, batch = WORKLOADS[case[0]], CASES[case]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -86,12 +86,14 @@ def _measured(case: str, options: argparse.Namespace) -> Measured:
 
 
 def _has_program(tool: str, letter: str) -> bool:
-    """NeuroMANCER has one for the mass alone, the other contenders for all written by hand."""
+    """True if a tool has the workload: NeuroMANCER has only the mass, the others all that are
+    written by hand.
+    """
     return tool in PAIR or letter in ("ab" if tool == NEUROMANCER else WRITTEN_BY_HAND)
 
 
 def _rounds(case: str, workers: dict[str, Worker], rounds: int) -> dict[str, list[float]]:
-    """Seconds an epoch of each tool, round by round; the first round warms up."""
+    """Seconds per epoch of each tool in each round, without the first round, which warms up."""
     times: dict[str, list[float]] = {name: [] for name in workers}
     for number in range(rounds + 1):
         for name, worker in workers.items():

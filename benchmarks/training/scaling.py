@@ -1,8 +1,8 @@
-"""How the time of an epoch grows with data, horizon, batch and threads: workload b in a kernel.
+"""Measures how the time of an epoch grows with data, horizon, batch and threads, for workload b.
 
     python benchmarks/training/scaling.py    # the tables under Growth in RESULTS.md
 
-Cases of a table take turns, so that whatever else the machine does falls on all of them.
+The cases of a table take turns, so that other work on the machine affects all of them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from workloads import WORKLOADS, Workload, log
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One size of everything; the defaults are those of the other benchmark."""
+    """The sizes of one measurement: data, horizon, batch and threads."""
 
     windows: int = 15_000
     horizon: int = 51

@@ -43,7 +43,7 @@ LEFT = 0.01
 
 
 def schedules(epochs: int) -> dict[str, str]:
-    """The schedules that are compared, as a spec writes them."""
+    """The compared schedules of the learning rate, by name, as texts of a spec."""
     return {
         "constant": "null",
         "cosine": "{cosine: {}}",
@@ -73,7 +73,7 @@ def trained(spec: Path, epochs: int, rate: float, schedule: str, seed: int) -> f
 
 
 def with_noise(folder: Path, share: float) -> None:
-    """Adds noise to the columns that a model predicts, by so much of their deviation."""
+    """Adds noise to the columns that a model predicts: `share` of their standard deviation."""
     random = np.random.default_rng(216)
     for name in NAMES:
         spec = load_model(spec_of(folder, name)).spec
@@ -120,7 +120,7 @@ def main() -> None:
 
 
 def by_rate(found: Found) -> str:
-    """One row a noise, number of epochs and rate."""
+    """A table with one row for each noise, number of epochs and learning rate."""
     rows: list[Sequence[str]] = []
     labels = list(schedules(1))
     noises = list(dict.fromkeys(key[0] for key in found))
@@ -137,7 +137,7 @@ def by_rate(found: Found) -> str:
 
 
 def at_best_rate(found: Found) -> str:
-    """One row a noise: every schedule at the rate that is best for it, model by model."""
+    """A table with one row per noise: every schedule at its best learning rate for each model."""
     labels = list(schedules(1))
     rows: list[Sequence[str]] = []
     for noise in dict.fromkeys(key[0] for key in found):
@@ -150,7 +150,7 @@ def at_best_rate(found: Found) -> str:
 
 
 def by_model(found: Found) -> str:
-    """One row a model."""
+    """A table with one row per model."""
     labels = list(schedules(1))
     rows: list[Sequence[str]] = []
     for name in NAMES:

@@ -1,4 +1,4 @@
-"""The worker's end of the pipe: one JSON request a line, one JSON answer a line."""
+"""Answers requests in the process of a tool: one JSON request and one JSON answer per line."""
 
 from __future__ import annotations
 
@@ -24,11 +24,14 @@ class Contender(ABC):
 
     @abstractmethod
     def epochs(self, count: int, fixed: bool) -> tuple[float, list[float]]:
-        """Trains: all seconds, and the loss of each epoch. `fixed`: batches in the data's order."""
+        """Trains `count` epochs; returns all seconds, and the loss of each epoch.
+
+        With `fixed` the batches are in the data's order.
+        """
 
     @abstractmethod
     def reset(self) -> None:
-        """Back to the initial weights and a fresh optimiser."""
+        """Restores the initial weights and a new optimiser."""
 
     def gradient(self, weights: dict[str, list[float]]) -> dict[str, list[float]]:
         """The gradient of the first fixed batch at these weights, by parameter."""

@@ -1,4 +1,4 @@
-"""The benchmark's end of the pipe: a contender in a process of its own that stays alive."""
+"""Sends requests of the benchmark to a tool in a process of its own."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CONTENDERS = Path(__file__).parent / "contenders"
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """A contender: how it is named and started."""
+    """A tool that is measured: its name and how it is started."""
 
     name: str
     script: str
@@ -48,7 +48,7 @@ PEER, NATIVE, KERNEL, TORCH, JAX, _, _, NEUROMANCER = TOOLS
 
 
 class Worker:
-    """A running contender with one workload."""
+    """A running process of one tool with one workload."""
 
     def __init__(self, tool: Tool, settings: dict[str, Any], errors: Path) -> None:
         self.tool = tool
@@ -64,7 +64,9 @@ class Worker:
         self.build_seconds: float | None = self._ask(settings)["build_seconds"]
 
     def epochs(self, count: int, *, fixed: bool = False) -> tuple[float, list[float]]:
-        """Seconds an epoch, and the loss that the tool reports for each."""
+        """Trains `count` epochs; returns seconds per epoch, and the loss of each as the tool
+        reports it.
+        """
         answer = self._ask({"do": "epochs", "count": count, "fixed": fixed})
         return answer["seconds"] / count, answer["losses"]
 
@@ -93,5 +95,5 @@ class Worker:
 
 
 def open_workers(tools: Sequence[str], settings: dict[str, Any], folder: Path) -> dict[str, Worker]:
-    """All contenders with the same workload."""
+    """Starts a process for each tool, all with the same workload."""
     return {name: Worker(TOOLS[name], settings, folder / f"{name}.err") for name in tools}

@@ -18,7 +18,7 @@ SPECS = Path(__file__).parent / "specs"
 
 @dataclass(frozen=True, slots=True)
 class Workload:
-    """One model with the way it is trained."""
+    """A model to train, with its data, rollouts and settings."""
 
     letter: str
     name: str
@@ -35,16 +35,16 @@ class Workload:
         return self.taps - 1
 
     def starts(self, windows: int) -> int:
-        """Rollouts that end inside the log, as the peer counts them."""
+        """The number of rollouts that end inside the data, as nnodely counts them."""
         return windows - (self.horizon - 1)
 
     def whole(self, windows: int, batch: int) -> int:
-        """Rollouts in whole batches; the peer leaves out the others."""
+        """The number of rollouts in complete batches; nnodely omits the others."""
         starts = self.starts(windows)
         return starts - starts % batch
 
     def settings(self, data: Path, windows: int, batch: int) -> dict[str, Any]:
-        """All that a contender must know."""
+        """The values that a tool must know to train the workload, as JSON values."""
         return {
             "name": self.name,
             "spec": str(SPECS / f"{self.name}.msnn.yaml"),
@@ -88,7 +88,7 @@ WORKLOADS: Mapping[str, Workload] = {
 
 
 def log(workload: Workload, windows: int) -> Log:
-    """A log with so many windows, the target one sample ahead included."""
+    """Synthetic data with that many rollouts, including the target one sample ahead."""
     rows = windows + workload.taps
     match workload.name:
         case "vehicle":
@@ -122,7 +122,7 @@ def _vehicle(rows: int) -> Log:
 
 
 def _steering(rows: int) -> Log:
-    """A winding road at a speed that swings, steered as a car without mass would be."""
+    """Data of a car that follows a winding road at changing speed, steered as if it had no mass."""
     time = SAMPLE_TIME * np.arange(rows)
     speed = 16 + 6 * np.sin(0.2 * time)
     bends = np.sin(0.1 * np.cumsum(np.random.default_rng(2).normal(size=rows)))

@@ -81,7 +81,7 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
 def _reads(
     context: Context, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
-    """x as requested, and all nodes that contain some of its samples."""
+    """The node of x as the call requests it, and all nodes that contain some of its samples."""
     named, there = resolved(expression, environment)
     # the operand of a window may be a function argument
     operand = named.operand if isinstance(named, Window | Past | Future) else named

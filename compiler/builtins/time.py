@@ -74,7 +74,11 @@ def keep(
     *,
     starts_fresh_each_run: bool = False,
 ) -> None:
-    """Adds the state of a call; `start` is a node of the start graph."""
+    """Adds the state of a call with memory, named `name`.
+
+    `following` is the node of its value after the step, `start` the node of its first value, in the
+    start graph.
+    """
     type = context.builder(environment).type(following)
     doc = f"memory of {expression_text(call)}"
     context.memories.keep(

@@ -175,7 +175,10 @@ class _Rule:
         return None if tangent is None else self.builder.negate(tangent)
 
     def _times(self, position: int, slope: NodeId) -> NodeId | None:
-        """The operand's tangent times a factor that is equal for all directions."""
+        """The tangent of the operand at `position` times a factor that is equal in all directions.
+
+        None if the operand depends on no seed.
+        """
         tangent = self.known.get(self.builder.node(self.node).args[position])
         if tangent is None:
             return None

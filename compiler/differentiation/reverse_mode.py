@@ -62,8 +62,10 @@ def gradients(
 
 @dataclass(frozen=True)
 class StepGradients:
-    """Nodes of the gradients of S with respect to the reads of a step, by name; absent if
-    independent.
+    """Gradients of a scalar S by the states, parameters and signals that a step reads, as nodes by
+    name.
+
+    A name is absent if S does not depend on it.
     """
 
     states: Mapping[str, NodeId]
@@ -111,7 +113,7 @@ def step_gradients(
 
 
 def accumulate(builder: GraphBuilder, sums: dict[Key, NodeId], key: Key, addend: NodeId) -> None:
-    """Adds a term to `sums[key]`; the first term initialises it."""
+    """Adds the node `addend` to the sum stored at `key`, or stores it if there is none yet."""
     before = sums.get(key)
     sums[key] = addend if before is None else builder.add(before, addend)
 
@@ -136,7 +138,9 @@ class _Rule:
     adjoint: NodeId
 
     def shares(self, needed: set[NodeId]) -> list[tuple[int, NodeId]]:
-        """Position of each needed operand, with its term of the gradient."""
+        """The gradient terms of the needed operands of a node: pairs (position of the operand,
+        term).
+        """
         args = self.builder.node(self.node).args
         wanted = [position for position, argument in enumerate(args) if argument in needed]
         return [(position, self._share(position)) for position in wanted]
@@ -322,7 +326,11 @@ def gradient_nodes(
 def element_gradients(
     builder: GraphBuilder, value: NodeId, wanted: Sequence[NodeId]
 ) -> list[list[NodeId | None]]:
-    """The same for each element of the value separately, in C order: the rows of a Jacobian."""
+    """∂(element)/∂w for each element of the value, in C order, and each wanted node w: rows of a
+    Jacobian.
+
+    None if an element does not depend on w.
+    """
     differentiated = _Differentiated(builder, value)
     # one row for each element: weight 1 for it, 0 for all others
     rows = np.eye(builder.type(value).size)

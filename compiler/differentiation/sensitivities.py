@@ -60,7 +60,7 @@ class LossResiduals:
 
 @dataclass(frozen=True, slots=True)
 class Unsquared:
-    """A residual factor · error. Its derivatives treat the factor as constant; None means 1."""
+    """A residual as factor · error; the factor is constant in derivatives, None means 1."""
 
     error: NodeId
     factor: NodeId | None
@@ -157,7 +157,7 @@ class Sensitivities:
 
     @property
     def numbers(self) -> int:
-        """Length of LEARNED."""
+        """Number of learned elements: the length of the axis LEARNED."""
         return sum(_size(self.program, name) for name in self.learned)
 
 
@@ -298,7 +298,7 @@ def _reads_of(graph: Graph, states: Collection[str]) -> dict[NodeId, tuple[str, 
 
 
 def _moving_states(program: Program, learned: frozenset[str]) -> tuple[State, ...]:
-    """The states that depend on learned parameters, by their start or by any step."""
+    """The states that depend on the parameters `learned`, by their start or by any step."""
     begun = _depending(program.start, learned, frozenset())
     moving = frozenset(state.name for state in program.states if state.start in begun)
     while True:

@@ -28,7 +28,9 @@ from compiler.passes.guard_derivatives import guard_untaken
 
 @dataclass(frozen=True, slots=True)
 class LossTerm:
-    """The contribution of one step to a loss: Σ of the cost over the scored elements."""
+    """The contribution of one step to a loss: the sum of the cost over scored elements, and their
+    number.
+    """
 
     loss: Loss
     total: NodeId
@@ -87,7 +89,7 @@ def training_step(program: Program) -> TrainingStep:
 
 
 def losses_alone(program: Program) -> TrainingStep:
-    """The training step without reverse graphs, with bit-identical losses."""
+    """The training step of a program without its reverse graphs; the losses have the same bits."""
     program = guard_untaken(program)
     builder = GraphBuilder(program.step)
     losses = loss_terms(builder, program)
@@ -118,7 +120,7 @@ def newest_samples(program: Program) -> dict[str, NodeId]:
 
 
 def _newest(program: Program, state: State) -> NodeId:
-    """The operand of the window from which the buffer's next value is sliced."""
+    """The node of the sample that a step appends to the buffer `state`."""
     following = program.step[state.next]
     window = program.step[following.args[0]] if following.args else following
     assert isinstance(following.op, Slice), "a buffer is shifted by one sample"
@@ -248,7 +250,11 @@ def _reverse_step(
 
 
 def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collection[str]) -> NodeId:
-    """The adjoint of the value that a step or the start gives to a state."""
+    """The node from which the adjoint of a state enters the reverse graph.
+
+    `result` is the state's value after the step or the start. `infinite` names states whose adjoint
+    can be infinite.
+    """
     type = builder.type(result).with_unit(None)
     seed = builder.emit(ReadTraining(StateAdjoint(state.name)), (), type)
     if state.name in infinite:
@@ -257,7 +263,9 @@ def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collect
 
 
 def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]) -> Reverse:
-    """Replaces the newest samples by reads of the values that the forward step stored."""
+    """A reverse graph that reads the newest samples of buffers as stored values instead of
+    computing them again.
+    """
     nodes: list[Node] = []
     for index, node in graph:
         # recomputing it would need all its operands; the forward step stored it on the tape

@@ -203,9 +203,10 @@ def in_own_files(
     used: Mapping[str, ReadResult],
     numbers: Mapping[str, str] | None = None,
 ) -> tuple[Diagnostic, ...]:
-    """Replaces diagnostics of a broken sub-model by those of compiling its file alone.
+    """Replaces diagnostics in a sub-model's file by those of compiling that file alone.
 
-    These use the names of that file; a note shows where the sub-model is used.
+    These use the names of that file instead of full names; a note shows where the sub-model is
+    used.
     """
     broken: dict[str, tuple[Diagnostic, ...]] = {}
     for name, file in used.items():
@@ -299,8 +300,8 @@ _OTHER_FRAMES = 10_000
 
 @contextmanager
 def room_for(entries: int) -> Generator[None]:
-    """Raises the recursion limit for a chain of `entries` entries, each of which reads the next
-    one.
+    """A context manager that raises Python's recursion limit for a chain of `entries` equations,
+    each reading the next.
 
     Python frames are on the heap, a few hundred bytes each, and the size of a spec is limited.
     """

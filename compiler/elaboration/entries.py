@@ -77,7 +77,9 @@ class Entries:
         return self._lowered(name, entry, own, span)
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
-        """The times at which an entry was lowered in this part, with its node at each."""
+        """The nodes of an equation or output that exist already, each with its time (shift and
+        window).
+        """
         return self._lowerings.get((name, environment.of_entry().part), ())
 
     def types(self) -> dict[str, Type]:
@@ -95,7 +97,9 @@ class Entries:
         return types
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node, or None if lowering fails. Then nothing is reported or stored."""
+        """The node that `lower_it` returns, or None if it raises LoweringFailed. Then nothing is
+        reported or stored.
+        """
         mark, loops = self._context.findings.mark(), len(self._loops)
         known = len(self._entries)
         try:

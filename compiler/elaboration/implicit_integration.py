@@ -140,7 +140,9 @@ def _diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId:
 
 
 def _only_diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId | None:
-    """The same, computed as one gradient; None if the Jacobian has elements off the diagonal."""
+    """∂valueᵢ/∂onᵢ like `_diagonal`, by one gradient; None if other elements of the Jacobian are
+    nonzero.
+    """
     rows = [row[0] for row in element_gradients(builder, value, [on])]
     nonzero = nonzero_elements(builder.graph(), [row for row in rows if row is not None])
     for index, row in enumerate(rows):

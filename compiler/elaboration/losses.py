@@ -204,9 +204,10 @@ def _factor_of_rows(context: Context, name: str, expression: Expression) -> Node
 
 
 def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[NodeId, NodeId]:
-    """Orders the pair so that the target is the recorded value, where NaN means `not recorded`.
+    """The pair (prediction, target), swapped if only the first value is recorded.
 
-    All measures are symmetric. If both values are simulated, their difference is compared with 0.
+    A NaN of the target means "not recorded" and excludes the sample. All measures are symmetric. If
+    both values are simulated, the prediction is their difference and the target 0.
     """
     graph = builder.graph()
     if not reads_simulation(graph, target):

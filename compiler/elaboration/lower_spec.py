@@ -55,11 +55,11 @@ repetition settles one equation."""
 
 
 def lower_spec(linked: Linked, draw: int) -> LoweredSpec:
-    """Lowers the spec until the buffers that it needs equal those that it was lowered with.
+    """Lowers all entries of a spec, again and again until the buffers found equal those assumed.
 
-    Buffer lengths, and axes of equations that read their own past, are known only after lowering: a
-    function, layer or sub-model may delay its argument. The same holds for the unit of fuzzy
-    centres that are read before a call of their layer. All other facts come from the text.
+    `draw` selects random initial values. Buffer lengths, and axes of equations that read their own
+    past, are known only after lowering: a function, layer or sub-model may delay its argument. The
+    same holds for the unit of fuzzy centres that are read before a call of their layer.
     """
     variables = gradient_variables(linked.spec) | implicit_equations(linked)
     known = FoundBefore()

@@ -44,12 +44,16 @@ _SECOND = parse_unit("s")
 
 
 class Elaboration:
-    """The meaning of every name of one spec (`Names`), and all that lowering it leaves."""
+    """One compilation of a spec: looks up every name (`Names`) and collects the nodes, states and
+    findings.
+    """
 
     def __init__(
         self, linked: Linked, variables: frozenset[str], known: FoundBefore, draw: int = 0
     ) -> None:
-        """`variables` are those of gradients; `known` was found by the lowering before this one."""
+        """`variables` are names by which some `grad` differentiates; `known` are results of the
+        previous lowering.
+        """
         self._linked, self._variables, self._draw = linked, variables, draw
         findings = Findings()
         spec = linked.spec
@@ -72,11 +76,11 @@ class Elaboration:
         self.entries = Entries(self.context, self.histories, variables)
 
     def afresh(self, known: FoundBefore) -> Elaboration:
-        """Another one of the same spec, with graphs of its own: for what may fail half-way."""
+        """A new compilation of the same spec with empty graphs, for attempts that may fail."""
         return Elaboration(self._linked, self._variables, known, self._draw)
 
     def found(self) -> FoundBefore:
-        """The findings of this lowering for the next one."""
+        """Buffer lengths and units that this lowering found, as input of the next one."""
         return FoundBefore(self.histories.found(), self.layers.found_units())
 
     # ---- names
@@ -125,7 +129,11 @@ class Elaboration:
                 raise LoweringFailed
 
     def declared(self, name: str, span: Span, member: str = "") -> Declaration:
-        """The declaration of a name, of which a `member` is wanted; reports an unknown one."""
+        """The declaration of a name, which counts as used from then on.
+
+        `member` is the name after the dot, if any, for the message. Raises LoweringFailed after
+        reporting an unknown name.
+        """
         found = self.context.scope.get(name)
         if found is None:
             self.context.findings.report(unknown_value(self.context, name, span, member))
@@ -172,7 +180,7 @@ class Elaboration:
     # ---- calls
 
     def call(self, call: Call, environment: Environment) -> NodeId:
-        """The value of a layer, function or builtin."""
+        """The node of a call of a layer, a function of the spec or a builtin."""
         function = call.function
         if isinstance(function, Member):
             part = self._part_of(function)
@@ -229,15 +237,19 @@ class Elaboration:
     # ---- entries
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The right-hand side of a continuous state."""
+        """The node of the right-hand side of a continuous state, its time derivative."""
         return self.states.derivative(name, entry, span, environment)
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
-        """Every time at which an entry is lowered already, and its node there."""
+        """The nodes of an equation or output that exist already, each with its time (shift and
+        window).
+        """
         return self.entries.lowerings(name, environment)
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node, or None where lowering fails; nothing is reported and nothing remembered."""
+        """The node that `lower_it` returns, or None if it raises LoweringFailed. Then nothing is
+        reported or stored.
+        """
         return self.entries.tried(lower_it)
 
     # ---- inside
@@ -252,7 +264,9 @@ class Elaboration:
         return None
 
     def _at_a_stage(self, name: str, entry: Signal, environment: Environment) -> NodeId | None:
-        """An input that moves while a right-hand side is evaluated; None where it does not."""
+        """The value of an input between two samples, at an integrator stage; None if the input is
+        constant there.
+        """
         stage = environment.stage
         if stage is None or environment.is_elsewhere or not isinstance(entry, Input):
             return None

@@ -32,7 +32,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True)
 class Remembered:
-    """Length of a buffer, and the axes of one sample."""
+    """The length of a buffer in samples, and the axes of one sample."""
 
     length: int
     axes: tuple[Axis, ...] = ()
@@ -231,7 +231,10 @@ def _buffer(name: str) -> str:
 
 @dataclass(frozen=True)
 class FoundBefore:
-    """Facts of the previous lowering, empty at first. Lowering repeats until they do not change."""
+    """Results of the previous lowering that the next one assumes; empty at first.
+
+    Lowering repeats until they do not change.
+    """
 
     buffers: Buffers = field(default_factory=dict[str, Remembered])
     """Buffers of states and equations, with their lengths."""

@@ -71,8 +71,10 @@ class Directions:
 def grouped_directions(
     graph: Graph, members: Sequence[Member], leaves: Mapping[str, Sequence[NodeId]]
 ) -> list[Directions]:
-    """The groups of the variables that the graph reads; `leaves` maps a variable to its reading
-    nodes.
+    """Groups the variables `members` that the graph reads, so that those which affect the same
+    operations share one axis of directions.
+
+    `leaves` maps the name of a variable to the nodes that read it.
     """
     read = [member for member in members if leaves.get(member.name)]
     # sets of variables as bits of an integer, for fast unions over thousands of nodes

@@ -21,7 +21,10 @@ from compiler.jacobian.zeros import known_number, nonzero_elements
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """Entries of a matrix: element (i, j, …) of the node is entry offset + Σ stride · index."""
+    """A node whose elements are entries of a matrix, with their positions.
+
+    Element (i, j, …) of the node is entry offset + Σ stride · index, counted in row-major order.
+    """
 
     node: NodeId
     offset: int
@@ -31,8 +34,11 @@ class Placed:
 def slopes_of_result(
     builder: GraphBuilder, tangent: NodeId, result: Member, runs: Sequence[DirectionRun], width: int
 ) -> list[Placed]:
-    """The rows of a result in a matrix with `width` columns, from its tangents (directions,
-    *axes).
+    """Places the derivatives of one result in a matrix with `width` columns, one row per element of
+    it.
+
+    `tangent` has the axes (directions, *axes of the result); `runs` say which directions are which
+    columns.
     """
     directions = builder.type(tangent).axes[0].name
     lengths = [axis.size for axis in result.axes]
@@ -134,10 +140,11 @@ _MOST_RUNS = 8
 
 
 def with_picked_rows(graph: Graph, *, exact: int = 0) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """Replaces such products after the first `exact` nodes; returns the graph and the new node ids.
+    """Replaces products with a selection matrix by slices; returns the graph and the new node ids.
 
-    Σ over k of C[d, k] · x[k, …], with at most one nonzero element in each row d of C, is that
-    element times x[k(d), …]. Such products arise from derivatives in unit directions.
+    Σ over k of C[d, k] · x[k, …], with at most one nonzero element in each row d of the constant C,
+    is that element times x[k(d), …]. Such products arise from derivatives in unit directions. The
+    first `exact` nodes do not change.
     """
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}

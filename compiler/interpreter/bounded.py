@@ -27,7 +27,9 @@ class Bounded:
     count: int
 
     def spread(self, unit: float) -> Array:
-        """Maximum error of the value in any such program, compared with the exact value."""
+        """Maximum rounding error of the value, for any order of summation; `unit` is the unit
+        roundoff.
+        """
         # a sum of n terms in any order has n − 1 roundings, each at most u Σ|terms|
         return self.error + (self.count - 1) * unit * self.terms if self.count > 1 else self.error
 
@@ -45,13 +47,18 @@ class Bounded:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """Elements of a decision that are prescribed, (members, *shape)."""
+    """Prescribed outcomes of a decision (a comparison or sign): `value` where `where` is True.
+
+    Both arrays are (members, *shape).
+    """
 
     where: Array
     value: Array
 
     def instead_of(self, one: Bounded) -> Bounded:
-        """The decision with the prescribed elements, which have no error."""
+        """The decision `one` with the prescribed outcomes in its place; these have no rounding
+        error.
+        """
         value = np.where(self.where, self.value, one.value).astype(one.value.dtype)
         error = np.where(self.where, 0.0, one.error)
         # prescribed elements are exact: their terms are their magnitude
@@ -59,7 +66,7 @@ class Taken:
 
 
 def exact(value: Array) -> Bounded:
-    """A value that is equal to the bit in every program."""
+    """A value without rounding error: every program computes the same bits."""
     size = value if value.dtype == bool else np.abs(value)
     return Bounded(value, np.zeros(value.shape), size.astype(float), 1)
 
@@ -72,7 +79,7 @@ def unit_roundoff(dtype: np.dtype[Any]) -> float:
 
 
 def moved(meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
-    """The same elements at other positions or with the other sign."""
+    """The result, with bounds, of an operation that only moves elements or negates them."""
     value = meaning([one.value for one in args], NOWHERE)
     # a negation also negates the bounds
     error = np.abs(meaning([one.error for one in args], NOWHERE))
@@ -103,14 +110,20 @@ def selected(args: Sequence[Bounded], spreads: Sequence[Array]) -> Bounded:
 
 
 def chosen(value: Array, error: Array) -> Bounded:
-    """One of several values; an infinite value may be exact."""
+    """The result, with the given error, of an operation that selects one of several values.
+
+    An infinite value may be exact.
+    """
     error = np.where(np.isnan(error), np.inf, error)
     return Bounded(value, error, np.abs(value.astype(float)) + error, 1)
 
 
 @dataclass(slots=True)
 class Total:
-    """A sum over members and steps, in float64. Another program may add in any order."""
+    """A sum of values over all members and steps, in float64, with what its rounding bound needs.
+
+    The bound holds for programs of precision `dtype` that add in any order.
+    """
 
     dtype: np.dtype[Any]
     """Precision of the program whose sum is bounded."""
@@ -130,7 +143,9 @@ class Total:
         self.count += one.count * len(one.value)
 
     def off(self) -> Array:
-        """Maximum error of the sum in any such program, compared with the exact sum."""
+        """Maximum rounding error of the sum; infinite if a partial sum in another order may
+        overflow.
+        """
         off = self.error + max(self.count - 1, 0) * unit_roundoff(self.dtype) * self.terms
         # partial sums in another order may overflow: then there is no bound
         known = self.terms + off < 0.5 * float(np.finfo(self.dtype).max)
@@ -139,7 +154,9 @@ class Total:
 
 @dataclass(slots=True)
 class AdjointTape:
-    """The adjoints of one state over the steps; for a buffer, of each sample."""
+    """The adjoints of one state during the backward loop, with rounding bounds; for a buffer, of
+    each sample.
+    """
 
     dtype: np.dtype[Any]
     length: int | None
@@ -153,8 +170,10 @@ class AdjointTape:
     def of_zeros(
         cls, members: int, shape: tuple[int, ...], steps: int | None, dtype: np.dtype[Any]
     ) -> AdjointTape:
-        """Zero adjoints after the last step; `steps` is the length of the rollouts, None unless
-        a buffer.
+        """The adjoints after the last step, all 0.
+
+        `shape` is that of the state. `steps` is the length of the rollouts for a buffer, None for
+        another state.
         """
         # the samples before the run, and one per step
         whole = shape if steps is None else (*shape[:-1], shape[-1] + steps)
@@ -171,8 +190,10 @@ class AdjointTape:
         return self._part((..., number + self.length))
 
     def go_back(self, number: int, found: Bounded | None) -> None:
-        """Propagates adjoints backwards through step `number`; `found` is the adjoint of its
-        state.
+        """Replaces the adjoints after step `number` by those before it.
+
+        `found` is the adjoint that the reverse step computed for the state; None if the step does
+        not read it.
         """
         if self.length is None:
             shape = self.value.shape

@@ -32,10 +32,11 @@ _ZERO_OF_ZEROS = (ops.Add, ops.Subtract, ops.Negate, ops.Broadcast, ops.Concat)
 
 
 class GraphBuilder(NodeStore):
-    """Grows a `Graph`. The methods take and return node ids.
+    """Adds nodes to a growing `Graph`, one method per operation; the methods take and return node
+    ids.
 
     They derive the axes and the unit of the result. Operands whose axes do not fit raise
-    AxisConflict; units that do not fit are collected in `conflicts`.
+    AxisConflict. Units that do not fit are collected in the list `conflicts`.
     """
 
     def __init__(self, graph: Graph | None = None) -> None:
@@ -166,7 +167,9 @@ class GraphBuilder(NodeStore):
         return self.select(is_negative, then, otherwise)
 
     def zero_with(self, factor: NodeId, product: NodeId) -> NodeId:
-        """0 where the factor is 0, otherwise the product. A NaN factor does not count as 0."""
+        """The product, but 0 where `factor` is 0, even if the other factor is infinite; NaN is not
+        0.
+        """
         if self.infinite_values.is_never_zero(factor):
             return product
         size = self.apply("abs", factor)
@@ -354,9 +357,10 @@ def copy_node(builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> No
 
 
 def with_step(program: Program, step: Graph, copies: Mapping[NodeId, NodeId]) -> Program:
-    """Replaces the step graph; `copies` maps old node ids to ids in the new graph.
+    """The program with another step graph; `copies` maps old node ids to ids in the new graph.
 
-    It needs an entry for each node that a state, output, loss or expected range names.
+    It needs an entry for each node that a state, output, loss or expected range names. Raises
+    KeyError for a missing one.
     """
     return replace(
         program,

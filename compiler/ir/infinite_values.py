@@ -44,7 +44,10 @@ class Infinite(IntEnum):
 
 
 class InfiniteValues:
-    """Answers questions about the nodes of a growing graph; analyses each node once."""
+    """Tells for the nodes of a growing graph if they can be infinite, 0 or negative.
+
+    Each node is analysed once, when a question first needs it.
+    """
 
     def __init__(self, graph: NodeStore) -> None:
         self._graph = graph
@@ -59,7 +62,7 @@ class InfiniteValues:
         """True if the value can be ±∞. sin(1/x) cannot, although 1/x can: it is NaN there."""
 
     def expect(self, node: NodeId) -> None:
-        """Marks a new node as possibly infinite, independent of its operands."""
+        """Marks a new node as possibly infinite, whatever its operands are."""
         self._look(node)
         self._infinite[node] = Infinite.ALONE
         self._made_of[node] = True
@@ -76,7 +79,11 @@ class InfiniteValues:
         return self._signs[node] >= Sign.NOT_ZERO
 
     def divides(self, node: NodeId) -> bool:
-        """True if no element of a divisor is 0 where the model has finite values."""
+        """True if dividing by the value gives no infinity that the model itself does not have.
+
+        That is, no element can be 0, provided that no parameter, and nothing computed from
+        parameters alone, is 0.
+        """
         self._look(node)
         return self._divisor_signs[node] >= Sign.NOT_ZERO
 

@@ -15,11 +15,12 @@ _COMPARED: tuple[type[Hashable], ...] = (str, bool, int, frozenset)
 
 
 def kept_for_same(most: int) -> Callable[[Callable[[*Given], Made]], Callable[[*Given], Made]]:
-    """Decorates a function with a cache of its `most` latest results, keyed by object identity.
+    """Decorates a function so that its `most` latest results are cached and reused for the same
+    objects.
 
-    Programs, stages and plans are immutable, so the object determines the result. Comparing values
-    would be slow, and would confuse 0.0 with -0.0. Strings, booleans, integers and frozensets are
-    compared by value. Exceptions are not cached.
+    An argument counts as the same if it is the identical object, since programs, stages and plans
+    are immutable. Comparing their values would be slow, and would confuse 0.0 with -0.0. Strings,
+    booleans, integers and frozensets are compared by value. Exceptions are not cached.
     """
 
     def keeps(make: Callable[[*Given], Made]) -> Callable[[*Given], Made]:

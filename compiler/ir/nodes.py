@@ -18,7 +18,7 @@ from spec_schema.units.unit import Unit
 
 
 class NodeStore:
-    """Grows a `Graph` node by node, without duplicates."""
+    """Adds nodes to a growing `Graph`; a node equal to an existing one is not stored again."""
 
     def __init__(self, graph: Graph | None = None) -> None:
         self._nodes: list[Node] = list(graph.nodes) if graph else []
@@ -90,7 +90,9 @@ def _key(op: Op, args: tuple[NodeId, ...], type: Type) -> _Key:
 
 
 def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
-    """For every node, True if one of the wanted values depends on it or is that node."""
+    """For every node of the graph, True if it is one of the `wanted` nodes or one of those depends
+    on it.
+    """
     marked = [False] * len(graph)
     for node in wanted:
         marked[node] = True
@@ -214,10 +216,11 @@ class CycleError(Exception):
 
 
 def evaluation_order(graph: Graph, feeds: Mapping[NodeId, NodeId]) -> list[NodeId]:
-    """Returns all nodes, operands before users; `feeds[reader]` is one more operand of a reader.
+    """All nodes of the graph, each after its operands.
 
-    It keeps the order of the graph where the feeds allow it. Depth-first search without recursion;
-    the time is linear in the number of nodes. Raises CycleError.
+    `feeds[reader]` is one more node that must come before the node `reader`. The order of the graph
+    is kept where that is possible. Depth-first search without recursion, in time linear in the
+    number of nodes. Raises CycleError if nodes depend on each other.
     """
     order: list[NodeId] = []
     waiting, placed = set[NodeId](), [False] * len(graph)

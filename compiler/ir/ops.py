@@ -17,7 +17,9 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class StateAdjoint:
-    """∂S/∂(the next value of a state); for a buffer, ∂S/∂(its newest sample)."""
+    """∂S/∂(the next value of a state), S the weighted sum of the losses; for a buffer, ∂S/∂(its
+    newest sample).
+    """
 
     state: str
 
@@ -31,14 +33,14 @@ class NewestSample:
 
 @dataclass(frozen=True, slots=True)
 class KeptRow:
-    """The value of a node at this time, stored by the forward pass in one row per time."""
+    """The value of node `node` of the forward step at this time, stored by the forward loop."""
 
     node: int
 
 
 @dataclass(frozen=True, slots=True)
 class LossScale:
-    """∂S/∂(the sum of a loss over the elements of this step)."""
+    """∂S/∂(the sum of a loss over the elements of this step), S the weighted sum of the losses."""
 
     loss: str
 
@@ -108,12 +110,17 @@ class ReadSamples(Read):
 
 @dataclass(frozen=True, slots=True)
 class ReadSignal(ReadSamples):
-    """Samples t+first … t+last of an input as the step sees it: from the log while it is open."""
+    """Samples t+first … t+last of an input. They come from the log, or in a deployed step from its
+    ports.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class ReadLog(ReadSamples):
-    """Samples t+first … t+last of the record, whatever the step sees; losses and starts only."""
+    """Samples t+first … t+last as recorded, even if a closed loop simulates the signal.
+
+    Only losses and the start read the log.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +132,7 @@ class ReadState(Read):
 
 @dataclass(frozen=True, slots=True)
 class ReadTraining(Read):
-    """A value that the loops of training give; only graphs derived for them read it."""
+    """A value that training passes to graphs of derivatives; a program has no such node."""
 
     value: TrainingValue
 
@@ -135,9 +142,9 @@ class ReadTraining(Read):
 
 @dataclass(frozen=True, slots=True)
 class Elementwise:
-    """Each element is made of the elements at its place; all operands have the node's axes.
+    """Computes each element from the elements at the same position of its operands.
 
-    `Broadcast` brings them there.
+    All operands have the node's axes; `Broadcast` nodes repeat those that lack one.
     """
 
     arity: ClassVar[int | None] = 2

@@ -64,7 +64,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """Nodes in an order in which they can be evaluated."""
+    """A list of nodes, operands first; the index of a node in it is its node id."""
 
     nodes: tuple[Node, ...] = ()
 
@@ -78,7 +78,9 @@ class Graph:
         return iter(enumerate(self.nodes))
 
     def unrepeated(self, node: NodeId) -> NodeId:
-        """The operand behind a chain of `Broadcast` nodes, or `node` if it is none."""
+        """The value before it was repeated: follows operands through `Broadcast` nodes; `node`
+        itself if it is none.
+        """
         while isinstance(self.nodes[node].op, Broadcast):
             (node,) = self.nodes[node].args
         return node
@@ -89,9 +91,10 @@ FilterKind: TypeAlias = Literal["iir", "state_space"]
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A filter layer that is initialised as the linear system fitted from its argument to a target.
+    """A filter layer whose initial parameters are fitted to the data before training.
 
-    The fit is least squares over the training rows.
+    The fit is the linear system that maps the layer's `argument` to the signal `target` with the
+    least squared error over the training rows.
     """
 
     kind: FilterKind
@@ -142,7 +145,9 @@ RangePolicy = Literal["flag", "saturate", "reset"]
 
 
 class Role(Enum):
-    """The use of a recorded signal."""
+    """The use of a recorded signal: the model reads an input; only losses and validation read a
+    target.
+    """
 
     INPUT = "input"
     """The step reads it; it is an input of the deployed model."""
@@ -195,12 +200,14 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """A state that the spec declares under `states:`."""
+    """Origin of a state that the spec declares under `states:`."""
 
 
 @dataclass(frozen=True, slots=True)
 class LayerMemory:
-    """Memory of a layer, of a call such as `integral`, or of the counter of a warm-up."""
+    """Origin of a state that a layer, a call such as `integral`, or the count of warm-up steps
+    needs.
+    """
 
     starts_fresh_each_run: bool = False
     """True for memory that means "no step has run yet"; every run initialises it the same way."""
@@ -345,7 +352,9 @@ class Loss:
         return (self.prediction, *others)
 
     def moved(self, copies: Mapping[NodeId, NodeId]) -> Loss:
-        """The loss in another graph; `copies` maps old node ids to new ones."""
+        """The same loss for a copied graph; `copies` maps node ids of the old graph to those of the
+        new one.
+        """
         return replace(
             self,
             prediction=copies[self.prediction],
@@ -385,10 +394,12 @@ def with_plugins(plugins: Sequence[UsedPlugin]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A model as pure functions of logs, states and parameters: `step` at each t, `start` at t0.
+    """A compiled model: pure functions of recorded samples, states and parameters.
 
-    *Window form*: `ReadSignal` nodes read any samples of the inputs. *Step form* (`to_step_form`):
-    they read sample t, a preview [t … t+n] or one delayed sample, and buffers store the past.
+    The graph `step` computes one sample t, the graph `start` the states before the first sample t0.
+    In *window form*, as compiled, `ReadSignal` nodes read any samples of the inputs. In *step form*
+    (`to_step_form`) each input is read once: sample t, a preview [t … t+n] or one delayed sample;
+    buffers store the past.
     """
 
     name: str

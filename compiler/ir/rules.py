@@ -76,10 +76,11 @@ def align(
 
 
 def twin_axes(left: tuple[Axis, ...], right: tuple[Axis, ...]) -> Axis | None:
-    """The named axis of one operand that is as long as the unnamed axis of the other.
+    """The named axis of one operand that is as long as the unnamed axis of the other, or None.
 
-    An elementwise operation would form all pairs of their elements (an outer product), which is
-    rarely intended. Returns None if the two match by name or along a window. Raises AxisConflict.
+    An elementwise operation would combine every element of one with every element of the other (an
+    outer product), which is rarely intended. None also if the axes match by name or along a window.
+    Raises AxisConflict.
     """
     _, left, right = align(left, right)
     for one, other in ((left, right), (right, left)):

@@ -12,7 +12,9 @@ W = TypeVar("W", contravariant=True)
 
 
 class InfiniteFacts(Protocol[W]):
-    """Decides which values can be infinite and which can be 0."""
+    """Tells which values can be infinite or 0, so that derivatives test only those
+    (`InfiniteValues`).
+    """
 
     def can_be_infinite(self, value: W, /) -> bool: ...
     def divides(self, value: W, /) -> bool: ...
@@ -129,7 +131,7 @@ def slope_product(b: Arithmetic[V], first: V, second: V) -> V:
 
 
 def slope_quotient(b: Arithmetic[V], slope: V, divisor: V) -> V:
-    """derivative · 1/divisor, 0 where the derivative is 0."""
+    """A derivative divided by `divisor`; 0 where the derivative is 0, even if the divisor is 0."""
     quotient = b.divide(slope, divisor)
     if b.infinite_values.divides(divisor):
         return quotient
@@ -137,7 +139,11 @@ def slope_quotient(b: Arithmetic[V], slope: V, divisor: V) -> V:
 
 
 def divisor_slope(b: Arithmetic[V], slope: V, divisor: V, quotient: V) -> V:
-    """derivative · −quotient/divisor, 0 where the derivative is 0; it is tested only once."""
+    """The derivative of `quotient` by its divisor times an outer derivative, −outer · quotient /
+    divisor.
+
+    It is 0 where the outer derivative is 0, even if the divisor is 0.
+    """
     if b.infinite_values.can_be_infinite(slope) or b.infinite_values.divides(divisor):
         return b.negate(slope_product(b, slope_quotient(b, slope, divisor), quotient))
     return b.zero_with(slope, b.negate(b.multiply(b.divide(slope, divisor), quotient)))

@@ -76,7 +76,9 @@ class MatrixBlock:
     """True if the entry can be infinite for finite states, inputs and parameters."""
 
     def places(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
-        """The index of the matrix entry of every element of the node."""
+        """For each element of the node, in its shape, the index of its entry in the matrix
+        (row-major).
+        """
         return strided_places(self.offset, shape, self.strides)
 
 
@@ -124,7 +126,11 @@ class Matrix:
     def filled(
         self, values: Mapping[NodeId, NDArray[Any]], members: int, dtype: np.dtype[Any]
     ) -> NDArray[Any]:
-        """The matrices (members, rows, columns); `values` of nodes are (members, *shape)."""
+        """The matrices (members, rows, columns), from the `values` (members, *shape) of the
+        computed nodes.
+
+        Constant entries are added.
+        """
         numbers = [0.0 if number is None else number for number in self.known]
         # entries without a block are equal in all members
         entries = np.tile(np.array(numbers, dtype), (members, 1))

@@ -28,7 +28,10 @@ Leaf = ops.ReadState | ops.ReadSignal | ops.ReadParameter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeafSlice:
-    """A part of a leaf: its element (i, j, …) is element offset + Σ stride · index of the leaf."""
+    """A part of a value that the graph reads: some axes of the leaf are fixed at an index.
+
+    Element (i, j, …) of the part is element offset + Σ stride · index of the leaf in C order.
+    """
 
     leaf: Leaf
     whole: Type
@@ -47,7 +50,7 @@ class LeafSlice:
 
     @property
     def numbers(self) -> list[int]:
-        """The C-order indices of its elements in the leaf."""
+        """For each element of the part, its index in the leaf, counted in C order."""
         return strided_places(self.offset, self.type.shape, self.strides).ravel().tolist()
 
 
@@ -63,9 +66,10 @@ class Elements:
 
 
 def single_elements(graph: Graph, wanted: Iterable[tuple[NodeId, Fixed]]) -> Elements:
-    """The wanted elements of values of `graph`, each given by its node and its fixed axes.
+    """A graph in which every wanted element of values of `graph` is a node of its own.
 
-    A window over a buffer becomes the samples of the state followed by the newest sample.
+    An element is given by its node and the indices of its fixed axes. A window over a buffer
+    becomes the samples of the state followed by the newest sample.
     """
     wanted = list(wanted)
     # backwards: an element requests the elements of its operands; a dict keeps the order
@@ -254,7 +258,10 @@ class _Made:
 
 
 def _stand_in(part: LeafSlice) -> ops.Op:
-    """A separate leaf for every part, so that its gradient does not include other parts."""
+    """A leaf that replaces one part of a leaf during differentiation.
+
+    Each part has its own, so that its gradient does not include other parts.
+    """
     place = ",".join(f"{name}={index}" for name, index in part.fixed)
     name = f"{part.leaf!r}[{place}]"
     is_parameter = isinstance(part.leaf, ops.ReadParameter)

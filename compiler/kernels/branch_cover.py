@@ -55,7 +55,7 @@ _BESIDES = {"pow": ((-math.inf, 1.5),)}
 
 
 def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
-    """One row per reached outcome, with a mask of the points that reach it."""
+    """A boolean array (outcomes, points): True where a point reaches the outcome of a condition."""
     reached: dict[Outcome, NDArray[np.bool_]] = {}
 
     def note(outcome: Outcome, elements: NDArray[np.bool_]) -> None:

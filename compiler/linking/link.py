@@ -74,7 +74,9 @@ class LinkedPart(Generic[M_co]):
 
 @dataclass(frozen=True)
 class Linked:
-    """The spec of the whole model, and what its entries do not say."""
+    """The spec of the whole model in full names, with facts about its sub-models that are no
+    entries.
+    """
 
     spec: Spec
     """`use` has the sub-models of sub-models too; inputs that are connected are equations."""
@@ -92,10 +94,12 @@ class Linked:
 def link(
     spec: Spec, used: Mapping[str, ReadResult], weights: WeightsByPart, findings: Findings
 ) -> Linked:
-    """The model that a spec and those that it uses describe together.
+    """Joins a spec and its sub-models to one spec in which every name is a full name
+    (`vehicle.mass`).
 
-    Losses, data, training, validation, exports and `predicts` of sub-models stay behind: they say
-    how the sub-model was made, not what it is.
+    `used` has the parsed files of sub-models and `weights` their arrays, by full name of the
+    sub-model. Mistakes go to `findings`. Losses, data, training, validation, exports and `predicts`
+    of sub-models are dropped: they describe how a sub-model was trained.
     """
     if not spec.use:
         return Linked(spec, {"": spec.integrator})
@@ -197,7 +201,9 @@ class _Linking:
         return _Part(sections, names)
 
     def connect(self, sections: dict[str, dict[str, Any]]) -> None:
-        """Makes an equation of every input that is connected."""
+        """Replaces every connected input of a sub-model by an equation with the connected
+        expression.
+        """
         inputs, equations = sections["inputs"], sections["equations"]
         first: dict[str, Connection] = {}
         # a dot says that a name is of a sub-model; inputs of the whole model are fed by its user
@@ -225,13 +231,17 @@ class _Linking:
         sections["inputs"] = {n: entry for n, entry in inputs.items() if n not in first}
 
     def _kind(self, name: str, sections: Mapping[str, Mapping[str, Any]]) -> str | None:
-        """The kind of a name that is no input of a sub-model; None where nothing has that name."""
+        """The kind of an entry that is no input of a sub-model, for messages; None if no entry has
+        that name.
+        """
         if name in self.use:
             return "a sub-model"
         return next((f"one of its {s}" for s in MODEL_SECTIONS if name in sections[s]), None)
 
     def _dims(self, spec: Spec, prefix: str, around: tuple[_Dims, ...]) -> _Dims:
-        """The full name of each dimension; one that the specs around have too is theirs."""
+        """The full name of each dimension of a spec; dimensions that the specs around it share keep
+        their name there.
+        """
         found: dict[str, tuple[str, Dimension]] = {}
         for name, dimension in spec.dims.items():
             outer = next((dims[name] for dims in around if name in dims), None)
@@ -258,7 +268,9 @@ class _Linking:
 
 
 def _opened(entry: Entry) -> Entry:
-    """An output as others use it: what it predicted where it was trained stays behind."""
+    """An output of a sub-model without its `predicts`, which belongs to the training of the
+    sub-model.
+    """
     is_output = isinstance(entry, Output)
     return entry.model_copy(update={"predicts": None}) if is_output else entry
 
@@ -273,7 +285,7 @@ def _with_full_names(data: Data, renaming: Renaming) -> Data:
 
 
 def _is_same(outer: Dimension, inner: Dimension) -> bool:
-    """Dimensions of one base name are one where their sizes agree and no labels contradict."""
+    """True if two dimensions of one name can be one: equal sizes, and no different labels."""
     labels = not outer.labels or not inner.labels or outer.labels == inner.labels
     return outer.size == inner.size and labels
 
@@ -310,18 +322,20 @@ class GivenWeights:
         return None
 
     def is_frozen(self, name: str) -> bool:
-        """Whether a parameter is a constant of this model."""
+        """True if `freeze:` of a sub-model makes the parameter a constant of this model."""
         return self._freezes(self._owners(name), name)
 
     def settles(self, name: str) -> bool:
-        """Whether the weights of a sub-model have a parameter, or it is frozen."""
+        """True if the weights of a sub-model contain the parameter, or if it is frozen."""
         return self.is_frozen(name) or any(
             name.removeprefix(f"{owner}.") in self._weights.get(owner, {})
             for owner in self._owners(name)
         )
 
     def report(self, names: Iterable[str]) -> None:
-        """Says what does not fit once all parameters are known."""
+        """Reports weights and `freeze:` entries that do not fit; `names` are all parameters of the
+        model.
+        """
         names = tuple(names)
         for part, missing in self._missing.items():
             listed = ", ".join(f"`{name}`" for name in missing)

@@ -26,28 +26,30 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Renaming:
-    """From the names that one spec uses to full names.
+    """Replaces the names in a spec by full names.
 
-    `names` has everything that the spec and its sub-models declare. A name that nothing declares
-    becomes a member of the sub-model too, so that it is not mistaken for one of another spec.
+    `names` maps all names that the spec and its sub-models declare. An undeclared name gets the
+    sub-model as prefix too, so that it is not mistaken for a name of another spec.
     """
 
     prefix: str
     names: Mapping[str, str]
 
     def name(self, name: str) -> str:
-        """The full name of what a spec calls so."""
+        """The full name of a name in the spec."""
         found = self.names.get(name)
         if found is not None:
             return found
         return name if name in OF_THE_LANGUAGE else self.prefix + name
 
     def entry(self, entry: T) -> T:
-        """An entry, expression or reference with full names."""
+        """A copy of an entry, expression or reference in which every name is a full name."""
         return cast("T", self._renamed(entry, frozenset()))
 
     def _renamed(self, value: Any, arguments: frozenset[str]) -> Any:
-        """`arguments` are names of the function around it, which stay as they are."""
+        """A copy of any part of an entry with full names; `arguments` are names of function
+        arguments, which stay.
+        """
         match value:
             case None | str() | int() | float() | Span() | Unit() | Quantity():
                 return cast("Any", value)  # most of what there is

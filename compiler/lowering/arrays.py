@@ -40,7 +40,10 @@ from spec_schema.units.unit import Unit
 
 
 class Arrays:
-    """The parameters of a model and the arrays of its layers; each is declared once."""
+    """The learnable arrays of one compilation: entries of `parameters:`, and weights of layers.
+
+    Each is declared at its first use.
+    """
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -169,7 +172,7 @@ class Arrays:
         return Type(parameter.axes, parameter.unit)
 
     def _with_given(self, parameter: Parameter) -> Parameter:
-        """The parameter, with the value from the weights of its sub-model if there are any."""
+        """The parameter, initialised from `weights:` of its sub-model if these contain it."""
         shape = tuple(axis.size for axis in parameter.axes)
         given = self._context.given.value(parameter.name, shape)
         if given is None:
@@ -178,7 +181,10 @@ class Arrays:
         return replace(parameter, initial=values, statistic=None)  # the weights contain it
 
     def _is_constant(self, parameter: Parameter) -> bool:
-        """True if its sub-model is frozen; a statistic without weights must first be computed."""
+        """True if `freeze:` of its sub-model holds the parameter constant.
+
+        A statistic of the data without given weights is no constant, since it is not computed yet.
+        """
         return parameter.statistic is None and self._context.given.is_frozen(parameter.name)
 
 

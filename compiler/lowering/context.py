@@ -173,7 +173,10 @@ def _seconds_text(seconds: float) -> str:
 
 
 class GradientSources:
-    """The value that each gradient was taken of. The gradient of 3·x is a constant, but uses x."""
+    """Remembers the value y of which each gradient ∂y/∂x was computed.
+
+    The gradient of 3·x is the constant 3, whose node no longer shows that the spec uses x.
+    """
 
     def __init__(self) -> None:
         # node ids are unique within a graph only: the builder distinguishes step and start
@@ -236,8 +239,11 @@ class SolvedCall:
 
 @dataclass(frozen=True)
 class StageReads:
-    """Pairs (sub-model whose states are integrated, name); the sub-model is "" for the model
-    itself.
+    """The names that each integrator reads between samples t and t+1, to check `between:` of
+    inputs.
+
+    An entry is a pair: the sub-model whose states are integrated ("" for the model itself), and the
+    name.
     """
 
     inputs: set[tuple[str, str]] = field(default_factory=set[tuple[str, str]])
@@ -257,7 +263,7 @@ class Names(Protocol):
         ...
 
     def call(self, call: Call, environment: Environment) -> NodeId:
-        """The value of a layer, function or builtin."""
+        """The node of a call of a layer, a function of the spec or a builtin."""
         ...
 
     def declared(self, name: str, span: Span) -> Declaration:
@@ -265,20 +271,24 @@ class Names(Protocol):
         ...
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The right-hand side of a continuous state."""
+        """The node of the right-hand side of a continuous state, its time derivative."""
         ...
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
-        """The times at which an equation or output has been lowered, with the node at each."""
+        """The nodes of an equation or output that exist already, each with its time (shift and
+        window).
+        """
         ...
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node, or None if lowering fails. Reports nothing and has no side effects."""
+        """The node that `lower_it` returns, or None if it raises LoweringFailed. Then nothing is
+        reported and no state is changed.
+        """
         ...
 
 
 class Graphs:
-    """The graphs of a program under construction."""
+    """The builders of the three graphs of a compilation: step and losses, start, constants."""
 
     def __init__(self) -> None:
         self._builders = {

@@ -45,7 +45,10 @@ class IntegratorStage:
 
 @dataclass(frozen=True, eq=False)
 class FunctionArgument:
-    """An argument of an inlined function, lowered at its use, once per time."""
+    """An argument of a function of the spec, whose formula replaces the call.
+
+    It becomes a node where the formula uses it, once for each time in `lowered`.
+    """
 
     expression: Expression
     environment: Environment
@@ -56,7 +59,9 @@ class FunctionArgument:
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """The context that determines the meaning of an expression."""
+    """Where an expression is: graph, time, integrator stage and enclosing calls, which decide what
+    its names mean.
+    """
 
     part: EnvironmentPart
     shift: int = 0
@@ -70,16 +75,18 @@ class Environment:
     """The functions being inlined, outermost first."""
 
     def shifted(self, samples: int) -> Environment:
-        """The environment `samples` later."""
+        """The environment for reading every signal `samples` later; negative for earlier."""
         return replace(self, shift=self.shift + samples)
 
     def over(self, first: int, last: int) -> Environment:
-        """The environment over the window t+first … t+last."""
+        """The environment in which every signal is read over the window t+first … t+last."""
         return replace(self, window=(first, last))
 
     def of_entry(self) -> Environment:
-        """The environment of an equation that is used here: same time, no arguments, names of
-        the step.
+        """The environment for lowering an equation that is used here: same time, but without the
+        function arguments.
+
+        An equation used in a loss means the same as in the step (R6).
         """
         # an equation means the same in a loss as in the step (R6); it does not see the arguments
         # of a function that uses it
@@ -87,11 +94,13 @@ class Environment:
         return replace(self, part=part, arguments={}, functions=())
 
     def inside(self, function: str, arguments: Mapping[str, FunctionArgument]) -> Environment:
-        """The environment of a function's formula that is inlined here."""
+        """The environment for lowering the formula of a function at its call, with the call's
+        arguments.
+        """
         return replace(self, arguments=arguments, functions=(*self.functions, function))
 
     def at_time_of(self, other: Environment) -> Environment:
-        """This environment at the time of another one."""
+        """This environment with the shift and window of another one."""
         return replace(self, shift=other.shift, window=other.window)
 
     def without_stage(self) -> Environment:
@@ -105,7 +114,9 @@ class Environment:
         return self.in_graph_of(EnvironmentPart.START)
 
     def in_graph_of(self, part: EnvironmentPart) -> Environment:
-        """This environment in another graph."""
+        """This environment for lowering into the graph of another part of the program, such as the
+        start.
+        """
         # arguments are lowered again: their node ids so far belong to the previous graph
         arguments = {
             name: FunctionArgument(argument.expression, argument.environment.in_graph_of(part))
@@ -115,7 +126,9 @@ class Environment:
 
     @property
     def is_written(self) -> bool:
-        """True if all arguments, and those of enclosing calls, are expressions of the spec."""
+        """True if all arguments of the enclosing calls are expressions of the spec, not nodes made
+        by the compiler.
+        """
         return not any(
             argument.at_hand or not argument.environment.is_written
             for argument in self.arguments.values()

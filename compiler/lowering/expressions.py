@@ -83,7 +83,11 @@ def _scale_between(conflict: UnitConflict) -> float | None:
 
 
 class aligning:  # noqa: N801  (read as a verb: `with aligning(…):`)
-    """Reports an AxisConflict inside the block as a diagnostic about the two operands."""
+    """A context manager that reports an AxisConflict of its block as a diagnostic, then raises
+    LoweringFailed.
+
+    The diagnostic shows the operation and its operands `left` and `right`.
+    """
 
     def __init__(
         self,

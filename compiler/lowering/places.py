@@ -27,10 +27,11 @@ def fitted(
     expression: Expression,
     environment: Environment,
 ) -> NodeId:
-    """The value with exactly the axes of `type`; it is repeated along missing axes.
+    """The node of a value with exactly the axes and the unit of `type`.
 
-    `node` is the value of the expression in this environment. A value without unit gets that of
-    `type`. Axes that the type lacks are reported; then it raises LoweringFailed.
+    `node` is the value of `expression` in this environment. It is repeated along axes that it
+    lacks; without a unit it gets that of `type`. Axes that `type` lacks are reported under the name
+    `what`, and LoweringFailed is raised.
     """
     builder = context.builder(environment)
     if not set(builder.type(node).axes) <= set(type.axes):
@@ -45,7 +46,10 @@ _LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
 
 
 def prediction_of(context: Context, predicts: PredictionEntry, key: str) -> Prediction:
-    """The recorded sample that a key such as `predicts` names; reports a name without recording."""
+    """The recorded sample, as signal and offset ahead of t, that a key such as `predicts` names.
+
+    Raises LoweringFailed after reporting a name that is no input, target or state.
+    """
     signal = predicts.signal
     declared = context.scope.get(signal.value)
     if declared is None:

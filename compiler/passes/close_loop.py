@@ -165,7 +165,7 @@ class _Loop:
         return builder.select(builder.broadcast(lasts, axes), logged, predicted)
 
     def _with_prediction(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
-        """The tape followed by the output of this step."""
+        """The stored samples of the tape, followed by the output of this step."""
         predicted = self._predicted(builder, copies)
         return builder.emit(Window(self._tape_name), (predicted,), self._windowed(self.length + 1))
 

@@ -199,7 +199,7 @@ def _guarded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
 
 
 class _Guard:
-    """One operation and its operands."""
+    """Replaces one operation by a formula of equal value with a finite derivative."""
 
     def __init__(self, builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> None:
         self._b, self._node, self._args = builder, node, args
@@ -230,7 +230,10 @@ class _Guard:
                 return None
 
     def _split(self, position: int, there: NodeId, value: Callable[[], NodeId]) -> NodeId:
-        """`value()` where `there` holds, the operation elsewhere."""
+        """A `where`: `value()` where the bool node `there` is true, otherwise the operation.
+
+        In the operation, the operand at `position` is replaced where `there` is true.
+        """
         # the operation gets a harmless operand, since libraries differentiate both branches
         b, args = self._b, list(self._args)
         type = b.type(args[position])

@@ -38,7 +38,10 @@ class Samplewise:
 
 
 def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Samplewise:
-    """The nodes that are functions of single samples of one of the buffers."""
+    """Finds nodes that are a function of single samples of one buffer: f(x[t]), f(x[t-1]), ….
+
+    Other operands must be constants; with `parameters` they may also depend on parameters.
+    """
     sampled: dict[NodeId, Sampled] = {}
     fixed: set[NodeId] = set()
     for index, node in graph:
@@ -79,9 +82,11 @@ def at_samples(
     count: int | None,
     work: Samplewise,
 ) -> NodeId:
-    """Applies the node's function to other samples: to one, or to a window of `count`.
+    """Applies the function that `node` computes from a buffer to `samples` instead; returns the new
+    node.
 
-    `copies` maps fixed nodes to the builder's graph; missing ones are copied.
+    `samples` is a node of the builder: one sample, or a window of `count`. `work` describes
+    `graph`. `copies` maps nodes of `graph` to the builder's; it gets those that are missing.
     """
     made: dict[NodeId, NodeId] = {}
     for index in _ancestors(graph, [node], work):

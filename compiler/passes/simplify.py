@@ -67,7 +67,9 @@ def drop_unused(program: Program) -> Program:
 
 
 def _sets_only(fit: Fit, used: frozenset[str]) -> bool:
-    """True if the program still has all arrays of the layer."""
+    """True if the program still has all parameter arrays of the fit's layer, given the `used`
+    names.
+    """
     return all(f"{fit.layer}.{array}" in used for array in fit.array_names)
 
 
@@ -125,7 +127,8 @@ def fold_constants(program: Program) -> Program:
 def folded(
     graph: Graph, *, exact: int = 0, largest: int = LARGEST_FOLDED
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """The graph with its constants folded, and the new node ids.
+    """The graph with nodes that depend on constants only replaced by constants, and a map to the
+    new node ids.
 
     The first `exact` nodes do not change; `largest` limits the number of elements of a folded
     value.

@@ -191,7 +191,7 @@ _ALWAYS = {(Parameter, "initial"), (Loss, "weight"), (Dimension, "labels")}
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """Data that the values of one file share: paths of the specs, and units parsed before."""
+    """Facts shared by all values of one file: paths of its specs, and units parsed before."""
 
     files: tuple[str, ...]
     numbers: Mapping[str, int] = field(default_factory=dict[str, int])

@@ -121,7 +121,7 @@ def _names_of_files(program: Program) -> dict[str, str]:
 
 
 def _length(own: tuple[str, ...], every: Iterable[tuple[str, ...]]) -> int:
-    """The number of last parts of a path that tell it from the others."""
+    """Number of last parts of the path `own` that distinguish it from all other paths."""
     others = [parts for parts in every if parts != own]
     lengths = range(1, len(own) + 1)
     return next((n for n in lengths if all(p[-n:] != own[-n:] for p in others)), len(own))

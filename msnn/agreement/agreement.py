@@ -12,7 +12,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class FarStep:
-    """An output, state or matrix whose single step differs by more than rounding."""
+    """A fault: an output, state or matrix whose single step differs by more than rounding."""
 
     of: str
     deviation: float
@@ -29,7 +29,7 @@ class FarStep:
 
 @dataclass(frozen=True, slots=True)
 class OtherBits:
-    """An output or matrix whose bits differ, although identical bits are promised."""
+    """A fault: an output or matrix whose bits differ, although identical bits are promised."""
 
     of: str
     bits: int
@@ -42,7 +42,7 @@ class OtherBits:
 
 @dataclass(frozen=True, slots=True)
 class BeyondProof:
-    """A fixed-point output or state whose single step exceeds the proven error bound."""
+    """A fault: a fixed-point output or state whose single step exceeds the proven error bound."""
 
     of: str
     step: int | None
@@ -66,7 +66,9 @@ class BeyondProof:
 
 @dataclass(frozen=True, slots=True)
 class NoChoice:
-    """An output or state that matches no branch of an undecided condition."""
+    """A fault: where rounding decides a condition, an output or state that matches none of its
+    branches.
+    """
 
     of: str
     step: int
@@ -84,7 +86,9 @@ class NoChoice:
 
 @dataclass(frozen=True, slots=True)
 class NotOptimal:
-    """Plans of a controller that are reported as solved but violate the optimality conditions."""
+    """A fault: plans of a controller that are reported as solved but violate the optimality
+    conditions.
+    """
 
     of: str
     residual: float
@@ -100,7 +104,7 @@ class NotOptimal:
 
 @dataclass(frozen=True, slots=True)
 class SelfTestFails:
-    """A self-test of an export that fails in the build on this machine."""
+    """A fault: a self-test of an export that fails in the build on this machine."""
 
     of: str
     returned: int
@@ -141,7 +145,9 @@ def beyond_proof(proof: Proof | None) -> tuple[Fault, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """Errors of one target, relative to each signal's largest magnitude."""
+    """The result of comparing one export with the reference: errors relative to each signal's
+    largest value.
+    """
 
     target: str
     dtype: str

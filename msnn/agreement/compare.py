@@ -93,7 +93,7 @@ def _free_run(loaded: Loaded, judged: Judgement, most_steps: int) -> Arrays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Single:
-    """Errors of initial states and of single steps."""
+    """The errors of initial states and of single steps of an export."""
 
     measured: Deviations
     costs: Mapping[str, float]
@@ -173,8 +173,8 @@ def _far(subject: Subject, measured: Deviations) -> tuple[Fault, ...]:
 
 
 def _costly(subject: Subject, wanted: Judgement, errors: Mapping[str, float]) -> dict[str, float]:
-    """Outputs with large errors in single precision in the interpreter itself, for float32
-    targets.
+    """Outputs that float32 computes with large errors even in the interpreter; only for float32
+    exports.
     """
     if subject.dtype != "float32":
         return {}

@@ -35,7 +35,8 @@ CasADi uses 1e30 instead, times other derivatives (decision 0184).
 def measured_slopes(
     subject: Subject, slopes: ExportedSlopes | None, judged: Judgement
 ) -> Deviations:
-    """Compares every matrix at recorded steps and at generated points.
+    """Compares every matrix of an export's Jacobian with the reference, at recorded and generated
+    points.
 
     Errors are relative to the largest entry of the matrix. If all terms of a derivative cancel, its
     entries consist of rounding errors. They are then relative to s/c: c is the largest value of the
@@ -358,7 +359,9 @@ def points(program: Program, judged: Judgement) -> Points:
 def log_of(
     program: Program, inputs: Arrays, count: int, dtype: DTypeLike
 ) -> tuple[Mapping[str, NDArray[Any]], NDArray[np.int64]]:
-    """A log, and its rows at which a step reads the inputs of each point."""
+    """A recording made of the inputs of all points, and the row of it at which a step reads each
+    point.
+    """
     ports = step_interface(program).inputs
     back = max([0, *(-port.first for port in ports)])
     span = back + max([0, *(port.last for port in ports)]) + 1
@@ -375,7 +378,9 @@ def log_of(
 
 
 def _samples(port: Port, values: NDArray[Any]) -> NDArray[Any]:
-    """(points, samples, *shape of the signal)."""
+    """The samples of a port at each point, (points, samples, *shape of the signal), oldest
+    first.
+    """
     return values[:, np.newaxis] if port.type.window is None else np.moveaxis(values, -1, 1)
 
 

@@ -23,9 +23,10 @@ def judge(
     *,
     restarts: bool = False,
 ) -> Judgement:
-    """A simulation of the program in step form over the recorded inputs, in float64 or float32.
+    """Simulates the program in step form over recorded inputs, in float64 or float32.
 
-    With `restarts`, states with `on_range: reset` are reset like in deployed code.
+    The result is the reference for exports. With `restarts`, states with `on_range: reset` are
+    reset as in deployed code.
     """
     interface = step_interface(program)
     log = {name: series.astype(dtype) for name, series in record.log.items()}
@@ -104,7 +105,9 @@ def outside(program: Program, states: Arrays, dtype: DTypeLike) -> dict[str, NDA
 
 
 def begun_again(states: Arrays, at: Mapping[str, NDArray[np.bool_]], first: Arrays) -> Arrays:
-    """The states, with their initial values (1, *shape) at these steps."""
+    """The states, replaced by the initial values `first`, (1, *shape), at the steps in the masks
+    `at`.
+    """
     found = dict(states)
     for name, steps in at.items():
         values = np.array(states[name])

@@ -16,6 +16,7 @@ from compiler.ir.program import Program, Signal
 from compiler.jacobian.matrices import Jacobian
 from msnn.data.dataset import FloatArray
 from msnn.data.rollout_rows import reach
+from msnn.errors.failures import MissingPluginError
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.late_dataclass import dataclass
@@ -37,7 +38,7 @@ class Promise(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Beginning:
-    """The known values at the first step of a simulation."""
+    """The known values at the first step of a simulation: samples around it, and initial states."""
 
     windows: Arrays
     """Samples for the initial states: one window per signal, (*shape)."""
@@ -57,7 +58,8 @@ class Beginning:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """Reference values in fixed point, the same steps in real arithmetic, and a proven error bound.
+    """The steps of a fixed-point reference, the same steps in real arithmetic, and a proven error
+    bound.
 
     The steps in real arithmetic use inputs and states of the reference. Keys are names in messages;
     arrays are (steps, *shape), initial states (1, *shape).
@@ -73,9 +75,10 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """Reference arrays (steps, *shape) by names of the spec; `states` are those before each step.
+    """The values of the reference for all steps, (steps, *shape) by names of the spec.
 
-    A fixed-point reference has no `states`, because exports cannot set them.
+    `states` are those before each step. A fixed-point reference has none, because exports cannot
+    set them.
     """
 
     beginning: Beginning
@@ -101,13 +104,13 @@ V = TypeVar("V")
 
 
 def labelled(outputs: Mapping[str, V], next_states: Mapping[str, V]) -> dict[str, V]:
-    """Outputs and next states with their names in messages."""
+    """Outputs and next states by the names that messages use for them."""
     named = {f"`{name}`": values for name, values in outputs.items()}
     return named | {f"the state `{name}`": values for name, values in next_states.items()}
 
 
 def labelled_first(states: Mapping[str, V]) -> dict[str, V]:
-    """Initial states with their names in messages."""
+    """Initial states by the names that messages use for them."""
     return {f"the first state `{name}`": values for name, values in states.items()}
 
 
@@ -118,7 +121,9 @@ _DRAWN_STEPS = 500
 
 @dataclass(frozen=True, slots=True)
 class AgreementRecord:
-    """Series of all signals, (rows, *shape), and the steps t0 … t0+steps−1 within them."""
+    """The inputs of a comparison: series of all signals, (rows, *shape), and the steps t0 …
+    t0+steps−1.
+    """
 
     log: Mapping[str, FloatArray]
     t0: int
@@ -138,8 +143,8 @@ def agreement_record(model: Model, program: Program, folder: Path) -> AgreementR
     program = _unscored(program)
     if model.spec.data is not None:
         try:
-            data = load_data(program, model.spec.data, folder)
-        except SpecError:
+            data = load_data(program, model.spec.data, folder, recorded=model.recorded)
+        except (SpecError, MissingPluginError):
             return drawn_record(program, "drawn numbers, as the spec's data cannot be read")
         # longest of those without gap: a free run goes through all of it
         stretches = data.stretches()
@@ -210,13 +215,13 @@ class ExportedSlopes:
 
 
 def no_slopes() -> ExportedSlopes | None:
-    """None: the export has no Jacobian, or a very large one."""
+    """Returns None, for an export that has no Jacobian or a very large one."""
     return None
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """An export loaded from its files, independent of the original program."""
+    """An export that was loaded from its files, as functions that start, step and simulate it."""
 
     run: Run
     start: Start | None = None
@@ -230,7 +235,10 @@ class Loaded:
 def loaded_by_steps(
     start: Start, step: Step, slopes: Callable[[], ExportedSlopes | None] = no_slopes
 ) -> Loaded:
-    """An export with explicit states, simulated by single steps."""
+    """An export with explicit states, made from its functions for the start and for single steps.
+
+    A simulation calls `step` for each sample.
+    """
 
     def run(beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
         states = start(beginning)

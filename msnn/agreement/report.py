@@ -102,7 +102,7 @@ def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
 
 
 def agreement_values(report: AgreementReport) -> dict[str, Any]:
-    """The same as JSON values."""
+    """The results of the comparison as a JSON object."""
     return {
         "along": report.origin,
         "agrees": report.agrees,

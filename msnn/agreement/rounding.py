@@ -132,7 +132,11 @@ _Way: TypeAlias = dict[tuple[NodeId, int], float]
 
 @dataclass(frozen=True, slots=True)
 class OpenDecision:
-    """The values of one combination of branches at a step, (*shape) by name."""
+    """The values of a step, (*shape) by name, for one combination of branches.
+
+    Rounding decides the conditions of these branches. `spreads` are the rounding bounds of the
+    values.
+    """
 
     step: int
     values: Arrays
@@ -142,7 +146,9 @@ class OpenDecision:
 
 @dataclass(frozen=True, slots=True)
 class Undecided:
-    """All combinations of branches that rounding leaves open, with their values."""
+    """The steps at which rounding decides conditions, with the values of all combinations of
+    branches.
+    """
 
     choices: tuple[OpenDecision, ...]
     vast: frozenset[int]
@@ -197,7 +203,9 @@ class _Evaluation:
         self.decisions = self._bounds.decisions
 
     def doubtful(self, steps: Sequence[int], judge: _Evaluation) -> list[int]:
-        """The steps at which other programs, or the reference, may decide differently."""
+        """Those of the steps at which rounding may change a condition, in other programs or the
+        reference.
+        """
         values = self._run(steps, [{} for _ in steps])
         judged = values if judge is self else judge._run(steps, [{} for _ in steps])
         found = np.zeros(len(steps), bool)
@@ -271,7 +279,10 @@ class _Evaluation:
 
 @dataclass(frozen=True, slots=True)
 class Branches:
-    """The steps at which undecided conditions lead to different values."""
+    """The steps at which rounding may select either of several branches that differ.
+
+    There a value must match one of the branches; it is not compared otherwise.
+    """
 
     at: Mapping[str, NDArray[np.bool_]]
     """Masks (steps,) by names of values in messages; an initial state has one step."""
@@ -395,7 +406,7 @@ def _distance(left: NDArray[Any], right: NDArray[Any]) -> float:
 
 
 def _worst(faults: list[Fault]) -> tuple[Fault, ...]:
-    """The largest fault of each value."""
+    """The fault with the largest error for each value."""
     found: dict[str, Fault] = {}
     for fault in faults:
         assert isinstance(fault, NoChoice)

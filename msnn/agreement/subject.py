@@ -17,7 +17,7 @@ from msnn.data.dataset import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """An export's program and weights, and the accuracy that it promises."""
+    """An export to compare: its program, weights, number type and promised accuracy."""
 
     target: str
     dtype: NumberType
@@ -60,7 +60,7 @@ def worst_deviation(found: Arrays, wanted: Arrays) -> float:
 
 
 def deviations(found: Arrays, wanted: Arrays) -> dict[str, float]:
-    """The same for each array."""
+    """For each array, max |a − b| / max(|b|, s), with s as in `worst_deviation`."""
     return {name: _deviation(found[name], wanted[name]) for name in wanted}
 
 

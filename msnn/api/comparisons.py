@@ -151,7 +151,7 @@ def _options(
     by: str | None,
     cost: bool,
 ) -> ComparisonOptions:
-    """The common arguments of comparisons, as options of their engine."""
+    """The common arguments of `compare` and `sweep`, as options of a comparison."""
     from msnn.features.comparison.compare import ComparisonOptions
 
     return ComparisonOptions(

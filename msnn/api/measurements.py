@@ -124,7 +124,8 @@ def validate_on(
     known = known_in(model, weights)
     with sources_of(model):
         with told_where_they_were(model, data_root):
-            files = load_file_sets(model.program, model.spec, data_folder(model, data_root))
+            folder = data_folder(model, data_root)
+            files = load_file_sets(model.program, model.spec, folder, model.recorded)
         report = validation.validate(
             model.program,
             dataset,
@@ -152,7 +153,8 @@ def validate_every_engine(
     data_root: str | Path | None = None,
     progress: RolloutProgress | None = None,
 ) -> EnginesReport:
-    """The same for every engine, including exports, that is available on this machine.
+    """Evaluates the `validate` section like `validate`, once with every available engine, exports
+    too.
 
     Raises SpecError for errors in the spec or its data.
     """

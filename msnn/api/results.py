@@ -17,7 +17,7 @@ from msnn.tables import Table
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Picture:
-    """A plot that a notebook displays as the last value of a cell."""
+    """A plot as PNG bytes, which a notebook displays as the last value of a cell."""
 
     png: bytes
 
@@ -29,7 +29,7 @@ class Picture:
 
 
 class Shown:
-    """A result with tables; subclasses define the methods below."""
+    """A result that a notebook shows as tables; subclasses define the private methods below."""
 
     __slots__ = ()
 
@@ -65,19 +65,19 @@ class Shown:
 
     @abstractmethod
     def _said(self) -> str:
-        """The result in a line."""
+        """The result in one line of text."""
 
     @abstractmethod
     def _tables(self) -> Sequence[Table]:
-        """The tables that the command line prints."""
+        """The tables of the result, as the command line prints them."""
 
     @abstractmethod
     def _columns(self) -> Mapping[str, Sequence[object]]:
-        """The columns of its data frame."""
+        """The columns of the result as a data frame, by name."""
 
     @abstractmethod
     def _draw(self, path: Path) -> Path:
-        """Writes its plot in the format of the file's suffix."""
+        """Draws the result into a file, in the format of its suffix; returns the path."""
 
 
 def _html(table: Table) -> str:

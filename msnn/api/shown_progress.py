@@ -32,7 +32,9 @@ _AGAIN = 0.2
 
 
 def heard_by(hearer: Hearer) -> Progress:
-    """The progress object for an argument of `train`."""
+    """The receiver of progress for the argument `progress` of `train`: a terminal, notebook or
+    function.
+    """
     if hearer is None or isinstance(hearer, bool):
         # a notebook's stderr is no terminal, and carriage returns pile up there
         if hearer is not False and in_notebook():
@@ -56,7 +58,7 @@ def in_notebook() -> bool:
 
 
 class Called:
-    """Passes every event to one function."""
+    """A receiver of progress that passes every event to one function."""
 
     def __init__(self, hear: Callable[[Event], object]) -> None:
         self._hear = hear
@@ -75,7 +77,7 @@ class Called:
 
 
 class NotebookLines:
-    """Shows a progress bar and one line per stage below the cell, updated with epochs."""
+    """A receiver of progress that shows a bar and one line per stage below a notebook's cell."""
 
     def __init__(self) -> None:
         self._display: Any = import_module("IPython.display")

@@ -51,8 +51,9 @@ _FUNCTIONS = {"import": "import_", "compile": "compile_"}
 
 
 def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
-    """The command line with these commands; parsing the options of all takes longer than
-    `check`.
+    """The typer application of the command line with these commands.
+
+    Parsing the options of all commands takes longer than `check`.
     """
     app = typer.Typer(
         name="msnn",
@@ -93,7 +94,7 @@ def _options(
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Runs one command; returns its exit code and never raises."""
+    """Runs one command with these arguments; returns its exit code and raises nothing."""
     began = time.monotonic()
     forget_manners()
     LINE_WIDTH.set(terminal_width())
@@ -115,7 +116,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _ended_writing(path: Path, results: Sequence[str]) -> int:
-    """Writes the result to the file of `-o`, even if it reports errors."""
+    """Writes the results to the file of `-o`, even if they report errors; returns the exit code."""
     from backends.files.atomic_write import write_text
 
     try:
@@ -157,7 +158,9 @@ def _ended(arguments: Sequence[str]) -> int:
 
 
 def _needed(arguments: Sequence[str]) -> Sequence[str]:
-    """Only the verb that was asked for; if it is unknown all, for `--help` and "did you mean"."""
+    """The command that the arguments name; all commands if it is unknown, for `--help` and "did you
+    mean".
+    """
     first = "".join(arguments[:1])
     if first in VERBS:
         return (first,)
@@ -172,7 +175,7 @@ def _plugin_of(arguments: Sequence[str]) -> Plugin | None:
 
 
 def _tell_kept_messages() -> None:
-    """Prints the SARIF log, including the error that ended the command."""
+    """Prints the SARIF log of a command that ended by an error, with that error."""
     from msnn.cli.console import sarif_result
 
     try:

@@ -82,7 +82,9 @@ NewSettings: TypeAlias = Annotated[
 
 
 def words_of(texts: Sequence[str] | None) -> list[str]:
-    """The words of an option that takes several: with commas, by repeating it, or both."""
+    """The words of an option that takes several, separated by commas or given by repeating the
+    option.
+    """
     return [word.strip() for text in texts or () for word in text.split(",") if word.strip()]
 
 

@@ -26,7 +26,8 @@ from msnn.training.training_result import TrainingInterruptedError
 
 @contextmanager
 def trials_shown(plot: Path | None, pause: float = 0.0) -> Generator[TrialLines]:
-    """Shows results of trainings as they complete, at most one line per `pause` seconds.
+    """A context that prints results of trainings as they complete, at most one line per `pause`
+    seconds.
 
     After an interrupt it prints how to continue.
     """

@@ -55,7 +55,7 @@ def _written(text: str) -> None:
 
 
 def json_result(command: str, content: dict[str, Any]) -> None:
-    """The result as JSON with its version."""
+    """Prints a result as JSON, with the version of its format."""
     result(json_text(command, content))
 
 
@@ -190,7 +190,7 @@ class StepProgress:
         self._said = False
 
     def told(self, done: int, total: int) -> None:
-        """Receives the number of completed steps and the total."""
+        """Shows progress: `done` of `total` steps are complete."""
         now = time.monotonic()
         if self._began is None:
             self._began, self._next = (now, done), now + _FIRST
@@ -232,7 +232,9 @@ def append_summary(file: Path, text: str) -> None:
 
 
 def answer(error: Exception) -> ExitCode:
-    """Prints the error to stderr; returns BUG without a message for unexpected exceptions."""
+    """Prints an error to stderr and returns the exit code; BUG, without a message, for unexpected
+    exceptions.
+    """
     match error:
         case SpecError():
             report(error.diagnostics, error.sources)

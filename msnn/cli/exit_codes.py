@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class ExitCode(IntEnum):
-    """Exit codes are stable: scripts and pipelines rely on them."""
+    """The exit codes of `msnn`; they are stable, because scripts and pipelines rely on them."""
 
     OK = 0
     DIAGNOSTICS = 1

@@ -43,7 +43,9 @@ class Outputs:
         self._files.clear()
 
     def protect(self, *outputs: Path) -> None:
-        """Adds outputs; BadParameter for duplicates and for files of a run."""
+        """Adds files that the command will write; BadParameter for duplicates and for files of a
+        run.
+        """
         new = [path.absolute() for path in outputs if not path.exists()]
         if twice := [path for path in new if new.count(path) > 1]:
             raise typer.BadParameter(f"`{twice[0]}` would be written twice")
@@ -62,7 +64,7 @@ class Outputs:
             self._is_watching = True
 
     def spare(self, read: Iterable[Path]) -> None:
-        """BadParameter if one of these files is an output."""
+        """Raises BadParameter if the command would overwrite one of these files, which it reads."""
         for path in read if self._files else ():
             written = self._files.get(_identity(path) or (0, 0))
             if written is not None:
@@ -96,7 +98,9 @@ Messages = Literal["full", "concise", "github", "sarif"]
 
 @dataclass(slots=True)
 class Manners:
-    """The common options of the running command."""
+    """The options that every command has: `-q`, `-v`, `-o` and `--format`, as given to the running
+    one.
+    """
 
     is_quiet: bool = False
     is_verbose: bool = False
@@ -121,7 +125,7 @@ NOW = Manners()
 
 # in place, as others have imported NOW: a new object would leave them with the old one
 def forget_manners() -> None:
-    """Resets the options before a command."""
+    """Resets the common options to their defaults before a command."""
     NOW.is_quiet, NOW.is_verbose, NOW.output = False, False, None
     NOW.messages, NOW.is_silent = "full", False
     NOW.data_root = None
@@ -163,7 +167,9 @@ WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary", "json", "report
 
 
 def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
-    """Adds `-q`, `-v`, and also `-o` if the command's own options name no output."""
+    """A copy of a command's function with the options `-q`, `-v` and, without an output option,
+    `-o`.
+    """
     # typer reads the types of options, which `from __future__ import annotations` leaves as texts
     own = signature(verb, eval_str=True)
     options: dict[str, tuple[Any, bool | None]] = {

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def joined_ranks() -> Generator[GlooRanks | None]:
-    """The processes started by torchrun; None for a single process.
+    """A context with the processes that torchrun has started for one training; None without
+    torchrun.
 
-    The first one shows progress. An error is printed by the process that meets it first.
+    Only the first one shows progress. An error is printed by the process that meets it first.
     """
     # found in the environment that torchrun sets, so that a command on its own never loads torch
     # here
@@ -45,12 +46,17 @@ def joined_ranks() -> Generator[GlooRanks | None]:
 
 
 def _is_of_lost_rank(error: BaseException) -> bool:
-    """True if it states where the training is saved, which only the first process knows."""
+    """True if the error says that a process was lost, and thus where the training is saved.
+
+    Only the first process knows that place.
+    """
     return isinstance(error, SpecError) and any(d.code == "E0867" for d in error.diagnostics)
 
 
 def speak_once() -> None:
-    """Lets only the first process print the error of a command without distributed training."""
+    """Lets only the first process print errors, for commands that do not support several
+    processes.
+    """
     if is_one_of_several():
         # torchrun ends the others soon: what there is to say is said before
         signal.signal(signal.SIGTERM, signal.SIG_IGN)

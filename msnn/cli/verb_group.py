@@ -104,7 +104,7 @@ def _command_of(line: VerbLine) -> Any:
 
 
 def _no_options() -> None:
-    """Makes typer build a group, of one command too."""
+    """Does nothing; a callback makes typer build a group even for a single command."""
 
 
 def _with_manners(app: typer.Typer) -> typer.Typer:
@@ -124,7 +124,9 @@ def _with_manners(app: typer.Typer) -> typer.Typer:
 def plugin_rows(
     kind: str, lines: Callable[[Feature], Sequence[VerbLine | TargetLine]]
 ) -> list[tuple[str, str]]:
-    """Each name that plug-ins bring of a kind, and its help with package and version."""
+    """The names that plug-ins bring of a kind such as `verb`, each with its help, package and
+    version.
+    """
     plugins = look_up()
     report(plugins.warnings, ())
     return [

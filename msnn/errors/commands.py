@@ -11,24 +11,24 @@ _MOST_SAID = 4
 
 
 def refused_by_system(path: str, reason: str) -> Diagnostic:
-    """E1033: a file or folder that the system does not let us write or read."""
+    """E1033: a file or folder that the operating system does not let msnn read or write."""
     return error("E1033", None, f"cannot use {path or 'a file'}: {reason}")
 
 
 def no_program_name(path: str, meant: str) -> Diagnostic:
-    """E1045: a program file under a name that tells no verb what it is."""
+    """E1045: a program file whose name does not end with `.program.json`."""
     message = f"a program file ends in `.program.json`, and {path} does not"
     return error("E1045", None, message, help=f"write `--out {meant}`, or name the folder alone")
 
 
 def folder_exists(path: str) -> Diagnostic:
-    """E1034: `msnn init` where something is already."""
+    """E1034: a folder for `msnn init` that exists already."""
     message = f"{path} is there already, and nothing is overwritten"
     return error("E1034", None, message, help="choose another name")
 
 
 def foreign_file(path: str) -> Diagnostic:
-    """E1054: a file of somebody else where a command would put its own under a name of its own."""
+    """E1054: a file of other origin that an export would overwrite."""
     message = f"{path} is there already and was not written by msnn"
     repair = "move it away, or write to another place with `--out`"
     return error("E1054", None, message, help=repair)
@@ -59,13 +59,13 @@ def not_trained(path: str, name: str, begun: str | None = None) -> Diagnostic:
 
 
 def missing_extra(what: str, install: str, reason: str = "") -> Diagnostic:
-    """E1037: an optional part that is not installed or, for a reason, does not work."""
+    """E1037: an optional package that is not installed, or that does not work."""
     state = f"does not work: {reason}" if reason else "is not installed"
     return error("E1037", None, f"{what} {state}", help=install)
 
 
 def compiler_failed(compiler: str, said: Sequence[str], remedy: str) -> Diagnostic:
-    """E1132: a C compiler that is there and does not build an export."""
+    """E1132: a C compiler that is installed but cannot build an export."""
     message = f"`{compiler}` did not build the export: {said[0]}"
     more = len(said) - _MOST_SAID
     notes = (*said[1:_MOST_SAID], *((f"{more} more lines",) if more > 0 else ()))
@@ -73,14 +73,14 @@ def compiler_failed(compiler: str, said: Sequence[str], remedy: str) -> Diagnost
 
 
 def not_run_here(target: str, reason: str) -> Diagnostic:
-    """E1133: an export that what is installed here cannot run."""
+    """E1133: an export that the packages installed here cannot run."""
     message = f"the {target} export was written and not compared: {reason}"
     help = f"compare it where it runs, or name other targets: `--to` without `{target}`"
     return error("E1133", None, message, help=help)
 
 
 def target_differs(target: str, dtype: str, of: str, difference: str) -> Diagnostic:
-    """E1057: an export that computes something else than the interpreter."""
+    """E1057: an export whose results differ from those of the reference interpreter."""
     help = "please report it with the spec and `msnn doctor`"
     if dtype == "float32":
         help += f"; `--set export.{target}.dtype=float64` computes in double precision"
@@ -121,7 +121,7 @@ def foreign_spec(name: str) -> Diagnostic:
 
 
 def unknown_code(code: str, meant: str | None) -> Diagnostic:
-    """E1041: `msnn explain` of something that is no code."""
+    """E1041: an unknown code after `msnn explain`."""
     repair = did_you_mean(meant) or "`msnn explain` alone lists all codes"
     return error("E1041", None, f"`{code}` is not a diagnostic code", help=repair)
 

@@ -48,10 +48,10 @@ def check_exports(
 
 
 def _named(plan: AnyPlan, error: Exception) -> Exception:
-    """The error; operations that a runtime does not implement become a NotRunHereError.
+    """The error; a NotRunHereError if a runtime lacks an operation that the export uses.
 
-    They are not faults of the export: onnxruntime lacks operators for some types, CasADi's
-    interface some calls.
+    That is no fault of the export: onnxruntime lacks operators for some types, CasADi's interface
+    some calls.
     """
     if type(error).__name__ not in ("NotImplementedError", "NotImplemented"):
         return error

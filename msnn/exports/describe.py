@@ -76,7 +76,9 @@ def _predicted(program: Program, name: str) -> str:
 
 
 def left_out(plan: AnyPlan) -> str:
-    """One line; empty if nothing is omitted."""
+    """A line about slices of arrays that the export omits because they are 0; empty if there are
+    none.
+    """
     if not plan.cuts:
         return ""
     kept = ", ".join(f"{len(cut.kept)} of {cut.size} in {cut.parameter}" for cut in plan.cuts)

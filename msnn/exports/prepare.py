@@ -31,7 +31,10 @@ def float_plan(
     entry: FloatTargetEntry | None,
     prefix: Located[str] | None = None,
 ) -> ExportPlan[Options] | None:
-    """The plan of a floating-point target without further settings."""
+    """The plan of an export in floating point; None if a loop of the model cannot be closed.
+
+    `prefix` begins the public names of the files.
+    """
     step = step_program(request, entry)
     if step is None:
         return None
@@ -85,7 +88,9 @@ def step_program(
 
 
 def _late(request: Request, program: Program, delay: Sequence[Located[str]]) -> int:
-    """Maximum number of samples after t that the step reads of an input in `delay`."""
+    """The number of samples by which an export must be late: the maximum preview of inputs in
+    `delay`.
+    """
     if not delay:
         return 0
     # `delay:` of an input that is not read ahead would make the step late for nothing

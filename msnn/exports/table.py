@@ -14,7 +14,7 @@ from spec_schema.plugins import look_up
 
 @dataclass(frozen=True, slots=True)
 class ListedTarget:
-    """The properties of a target that are known without importing it."""
+    """A target of exports, with the properties that are known without importing its module."""
 
     name: str
     """Name on the command line, in `export:`, and of its folder."""

@@ -32,7 +32,9 @@ Weights: TypeAlias = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """The request for an export."""
+    """The arguments for planning an export: model, options, and the findings for errors in its
+    entry.
+    """
 
     model: Model
     findings: Findings
@@ -63,13 +65,13 @@ def interpreted(
 
 
 def no_faults(plan: AnyPlan) -> tuple[Diagnostic, ...]:
-    """No diagnostics, for targets without additional checks."""
+    """Returns no diagnostics, for targets without additional checks."""
     del plan
     return ()
 
 
 def nothing_to_tell(plan: AnyPlan, folder: Path) -> str:
-    """No remark about the written files."""
+    """Returns an empty text, for targets without remarks about their files."""
     del plan, folder
     return ""
 
@@ -87,7 +89,10 @@ def bits_in_single(dtype: NumberType) -> Promise:
 
 @dataclass(frozen=True, kw_only=True)
 class Target(Generic[OwnEntry, Options]):
-    """One target. Libraries that are slow to import are imported inside its functions."""
+    """A target of exports, as a record of functions that plan, write, load and compare its files.
+
+    Libraries that are slow to import are imported inside these functions.
+    """
 
     name: str
     entry: type[OwnEntry]
@@ -125,7 +130,7 @@ class Target(Generic[OwnEntry, Options]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportPlan(Generic[Options]):
-    """The plan of a target's files: the program in step form, and the prefix of names."""
+    """A planned export: the program in step form, the options, and the prefix of public names."""
 
     target: Target[Any, Options]
     program: Program
@@ -138,7 +143,7 @@ class ExportPlan(Generic[Options]):
     """Platforms for additional binaries, which are not needed to run the export here."""
 
     def of(self, weights: Weights) -> Weights:
-        """The weights in the form that the program uses."""
+        """The weights without the slices that the export omits."""
         return cut_weights(self.cuts, weights)
 
     @property

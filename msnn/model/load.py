@@ -88,7 +88,14 @@ def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
     # with the run's own settings: those given here may change training, never what was kept
     if hash_of(model.text, model.parts, model_settings(kept.settings)) != kept.sha256:
         raise SpecError((nothing_kept(str(run)),))
-    return replace(model, settings=settings, run=run, trained_in=kept.trained_in)
+    return replace(
+        model,
+        settings=settings,
+        run=run,
+        trained_in=kept.trained_in,
+        recorded=kept.formats,
+        warnings=(*kept.warnings, *model.warnings),
+    )
 
 
 def _compiled(
@@ -146,7 +153,7 @@ LARGEST_FILE = 1 << 30
 
 @dataclass(frozen=True)
 class SubmodelWeights:
-    """Arrays of every sub-model that has `weights:`, and the SHA-256 of the files they come
+    """The trained arrays of sub-models with `weights:`, and the SHA-256 of the files that they come
     from.
     """
 
@@ -256,8 +263,9 @@ def _where(weights: Path) -> str:
 
 
 def _content(path: Path) -> bytes:
-    """The bytes of a regular file. Raises ValueError for a device, a pipe or a file over the
-    limit.
+    """The bytes of a regular file, such as weights.
+
+    Raises ValueError for a device, a pipe or a too large file.
     """
     if not path.exists():
         message = "no such file"

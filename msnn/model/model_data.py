@@ -27,9 +27,12 @@ def read_data(
     purpose: str,
     program: Program | None = None,
 ) -> Dataset:
-    """The measured data of the spec, for the signals of `program` (default: the whole model).
+    """Loads the measured data that the `data:` section of the spec names, for the signals of
+    `program`.
 
-    Predicted signals that `program` does not read are loaded if a file has a column for them.
+    `program` is the whole model by default. Signals that outputs predict and `program` does not
+    read are loaded if a file has a column for them. `purpose` is the word for it in messages.
+    Raises SpecError.
     """
     from msnn.data.reading.load import load_data
     from msnn.data.reading.row_filter import row_filters
@@ -41,7 +44,9 @@ def read_data(
     with sources_of(model), told_where_they_were(model, data_root):
         signals = program or model.program
         filters = row_filters(model.spec)
-        found = load_data(signals, model.spec.data, folder, filters, model.program)
+        found = load_data(
+            signals, model.spec.data, folder, filters, model.program, recorded=model.recorded
+        )
         # a training sums over rows; others keep a result for each
         if found.is_on_disk and purpose != "training" and found.rows > MOST_ROWS:
             raise SpecError((_too_many_rows(purpose, found.rows),))
@@ -60,7 +65,7 @@ def _too_many_rows(purpose: str, rows: int) -> Diagnostic:
 
 @contextmanager
 def told_where_they_were(model: Model, data_root: str | Path | None) -> Generator[None]:
-    """Adds the original folder of the data to errors about missing data of a run.
+    """A context that adds the original folder of the data to errors about missing data of a run.
 
     A run does not copy its data. Errors pass unchanged if the caller names `data_root`.
     """
@@ -87,7 +92,7 @@ def data_folder(model: Model, data_root: str | Path | None) -> Path:
 def measured(
     model: Model, frames: Frames | None, data_root: str | Path | None, purpose: str
 ) -> Dataset:
-    """The dataset from `frames`, or from the files of the spec if `frames` is None."""
+    """The dataset from data frames, or from the files that the spec names if `frames` is None."""
     from msnn.data.reading.frames import frame_data
     from msnn.data.reading.row_filter import row_filters
 
@@ -99,8 +104,9 @@ def measured(
 
 
 def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
-    """The given weights, by default the initial values; parameters without a known value are
-    absent.
+    """The values of parameters: the given weights, by default the initial values of the spec.
+
+    Parameters without a known value are absent. Raises SpecError if weights do not fit the model.
     """
     from msnn.model.trained_model import refuse_other_model
     from msnn.model.weights.weights_file import known_weights
@@ -113,13 +119,15 @@ def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
 
 
 def given_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray] | None:
-    """The given weights; None if training starts from its own initial values."""
+    """The given weights, checked against the model; None if none are given."""
     return None if weights is None else known_in(model, weights)
 
 
 @contextmanager
 def sources_of(model: Model) -> Generator[None]:
-    """Adds the texts of the spec to a SpecError, so that the error can show lines of it."""
+    """A context that adds the texts of the spec to a SpecError, so that the error can show lines of
+    it.
+    """
     try:
         yield
     except SpecError as error:

@@ -25,11 +25,11 @@ from spec_schema.sections.values import Initializer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubmodelFile:
-    """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
+    """A file that a model was made of, such as the spec of a sub-model: full name, path and text.
 
-    Of another kind of part, `line`, the text is that of its file. `file` has these weights; None
-    where there are none, or only a program has them. A file of initial values is a part too, whose
-    text is its numbers.
+    `weights` is the SHA-256 of its weights file, or "". `file` is that weights file, or None. Other
+    kinds are the files of parts, such as a robot (`line` is set), and files of initial values
+    (`is_numbers`).
     """
 
     name: str
@@ -41,7 +41,7 @@ class SubmodelFile:
     is_numbers: bool = False
 
     def record(self) -> dict[str, str]:
-        """The parts that a run was made of, as data."""
+        """The path and hashes of this file as a JSON object for `run.json`."""
         if self.is_numbers:
             digest = _sha256(self.text)
             return {"path": self.path, "numbers_sha256": digest, "kind": NUMBERS}
@@ -54,7 +54,7 @@ class SubmodelFile:
 
     @property
     def kept_as(self) -> str:
-        """The name of the file in which a run keeps the text."""
+        """The name under which a run saves a copy of the text in its folder."""
         return kept_name(self.name, self.record())
 
 
@@ -64,26 +64,27 @@ _SUFFIXES = {line.key: line.suffix for line in PARTS} | {NUMBERS: ""}
 
 
 def kept_name(name: str, record: Mapping[str, str]) -> str:
-    """The name of the file in which a run keeps the text of a part, by what its record says."""
+    """The name of the copy in a run's folder; `record` is the entry of the file in `run.json`."""
     return f"{Path(name).name}{_SUFFIXES.get(record.get('kind', ''), '.msnn.yaml')}"
 
 
 def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[SubmodelFile, ...]:
-    """Every sub-model of a spec; `digests` are those of weights by full name."""
+    """The files of every sub-model of a spec; `digests` are the SHA-256 of weights by full name."""
     return tuple(_parts(read, digests, ""))
 
 
 def with_files(
     parts: Sequence[SubmodelFile], files: Mapping[str, Path]
 ) -> tuple[SubmodelFile, ...]:
-    """The parts with the files of their weights, by full name."""
+    """The same, each with its weights file from `files`, by full name; None for the others."""
     return tuple(replace(part, file=files.get(part.name)) for part in parts)
 
 
 def hash_of(text: str, parts: Sequence[SubmodelFile], settings: Sequence[str] = ()) -> str:
-    """sha256 of a spec's text; with sub-models, of what it and they are made of.
+    """The SHA-256 that identifies a model: of the spec's text, its sub-models and overridden
+    values.
 
-    `settings` are those that replace values of the model.
+    `settings` are values that replace those of the spec, such as `train.0.epochs=5`.
     """
     # as JSON: text and settings run into one another otherwise
     own = _sha256(text) if not settings else _sha256(json.dumps([text, *settings]))
@@ -113,9 +114,10 @@ def _sha256(text: str) -> str:
 
 
 def number_texts(read: ReadResult, kept: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The texts by path: from `kept` if it has the path, else from the file.
+    """The text of each file of initial values that a spec names, by path.
 
-    Omits files that cannot be read; the compiler reports them if an expression uses them.
+    Texts in `kept` are used instead of files. Omits files that cannot be read; the compiler reports
+    them if an expression uses them.
     """
     found: dict[str, str] = {}
     for file in _named(read):

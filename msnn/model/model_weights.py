@@ -13,13 +13,19 @@ from msnn.errors.learning.runs import unfinished_run
 from msnn.model.model import Model
 from msnn.model.saved_run import FOLD, LATEST, WEIGHTS, age, followed, has_checkpoint, newest
 from msnn.model.trained_model import refuse_other_model
-from msnn.model.weights.weights_file import initial_weights, known_weights, read_weights
+from msnn.model.weights.weights_file import (
+    changed_plugins,
+    initial_weights,
+    known_weights,
+    read_weights,
+)
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.errors.plugins import other_version
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenWeights:
-    """Physical values by parameter, and their origin."""
+    """The weights that a command uses, and a text about their origin."""
 
     weights: Mapping[str, FloatArray]
     origin: str
@@ -29,15 +35,16 @@ class ChosenWeights:
 
     @property
     def given(self) -> Mapping[str, FloatArray] | Path:
-        """The file if there is one, else the values. A run keeps related files in the same
-        folder.
+        """The weights file if there is one, else the values; a run keeps related files next to its
+        weights file.
         """
         return self.weights if self.file is None else self.file
 
 
 def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
-    """Initial values of random draw `draw`; sub-models with `weights:` keep their trained
-    values.
+    """The initial values of random draw number `draw`, by parameter.
+
+    Sub-models with `weights:` keep their trained values.
     """
     read = model.read
     numbers = {part.path: part.text for part in model.parts if part.is_numbers}
@@ -81,6 +88,12 @@ def choose_weights(
         if unfinished is not None and age(unfinished) > age(_whole_run(latest.resolve())):
             warnings = (unfinished_run(str(unfinished), str(latest.resolve().name)),)
     refuse_other_model(model, file)
+    if model.run is None or model.run.resolve() != file.parent.resolve():
+        # a model of a run has these warnings already
+        warnings += tuple(
+            other_version(f"{file} was trained", now.package, then, now.version)
+            for then, now in changed_plugins(file, program)
+        )
     return ChosenWeights(read_weights(file, program), str(file), warnings, file)
 
 

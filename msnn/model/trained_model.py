@@ -130,9 +130,10 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
 
 
 def refuse_other_parts(parts: Sequence[SubmodelFile], weights: Path) -> None:
-    """Raises SpecError where the file of a part describes another one than a run has kept.
+    """Raises SpecError if a file of a part, such as the URDF of a robot, differs from the run's
+    copy.
 
-    A run that has kept none, as a program file's has, says nothing.
+    `weights` is the weights file of the run. Without a copy there, nothing is compared.
     """
     for part in parts:
         kept = weights.parent / PARTS / part.kept_as
@@ -145,7 +146,9 @@ def refuse_other_parts(parts: Sequence[SubmodelFile], weights: Path) -> None:
 
 
 def part_difference(line: PartLine, kept: Path, text: str) -> str | None:
-    """The difference of a part from the file of a run; None where both are one part."""
+    """The difference between a part's file and the copy in a run, as a text; None if there
+    is none.
+    """
     try:
         refuse_endless(kept)
         before = kept.read_text(encoding="utf-8")

@@ -17,7 +17,7 @@ _PACKAGES = frozenset({"torch", "matplotlib"})
 
 @contextlib.contextmanager
 def away_from_folder() -> Generator[None]:
-    """Changes the working folder to that of this module within the block."""
+    """A context in which the working folder is the folder of this module."""
     with contextlib.ExitStack() as stack:
         # where the working folder is gone, nothing is found in it either
         with contextlib.suppress(FileNotFoundError):
@@ -26,13 +26,13 @@ def away_from_folder() -> Generator[None]:
 
 
 def load_away_from_folder() -> None:
-    """Activates this import behaviour for the process."""
+    """Makes later imports of certain packages ignore modules in the working folder."""
     if _Finder not in sys.meta_path:
         sys.meta_path.insert(0, _Finder)
 
 
 class _Finder:
-    """A finder that imports these packages normally, but with another working folder."""
+    """An import finder that looks for certain packages with another working folder."""
 
     @classmethod
     def find_spec(
@@ -59,7 +59,7 @@ _NAME = "importlib.metadata"
 
 
 def load_metadata_when_asked() -> None:
-    """Makes the import of `importlib.metadata` free; its contents are loaded on first use."""
+    """Delays loading `importlib.metadata` until it is used, because its import is slow."""
     if _NAME not in sys.modules:
         stand_in = _StandIn(_NAME)
         found = find_spec(_NAME)

@@ -28,7 +28,9 @@ from spec_schema.version import __version__
 
 @dataclass(frozen=True)
 class InstalledPart:
-    """One dependency: its purpose, the installed version, and the install command if missing."""
+    """A dependency of msnn: its purpose, the installed version, and the command that
+    installs it.
+    """
 
     name: str
     purpose: str
@@ -49,7 +51,7 @@ def installation() -> Iterator[InstalledPart]:
 
 
 def plugin_parts(plugins: Plugins) -> Iterator[InstalledPart]:
-    """The plug-ins, and what each brings."""
+    """The installed plug-ins of msnn, each with what it brings."""
     for plugin in plugins.found:
         brings = ", ".join(f"{kind} {name}" for kind, name in sorted(plugin.keys))
         yield InstalledPart(plugin.package, f"plug-in: {brings or 'nothing'}", plugin.version)
@@ -86,7 +88,9 @@ def _version(package: str) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class KernelCache:
-    """The cache folder in use, the reason if it is not the preferred one, and its kernels."""
+    """The folder of compiled kernels: its path, the reason if it is not the preferred one, its
+    files.
+    """
 
     taken: KernelFolder
     kernels: Sequence[KeptKernel]
@@ -100,11 +104,11 @@ class KernelCache:
 
     @property
     def warnings(self) -> tuple[Diagnostic, ...]:
-        """A warning if another folder was preferred."""
+        """A warning if the preferred folder of compiled kernels cannot be used."""
         return kernel_folder_warnings(self.taken)
 
     def values(self) -> dict[str, Any]:
-        """The same as JSON."""
+        """The folder and its kernels as a JSON object."""
         refused = self.taken.refused
         return {
             "folder": None if self.taken.path is None else str(self.taken.path),

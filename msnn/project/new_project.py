@@ -32,7 +32,10 @@ def new_project(folder: Path) -> Path:
 
 
 def project_name(folder: Path) -> str:
-    """The name of the model; SpecError if it is invalid, or if the folder exists."""
+    """The name of a project's model, that of its folder.
+
+    Raises SpecError if the name is invalid, or if the folder exists.
+    """
     name = folder.name
     wrong = f"it is not a word of at most {LONGEST_NAME} letters and digits"
     reason = wrong if not is_name(name) else why_reserved(name)
@@ -44,7 +47,10 @@ def project_name(folder: Path) -> str:
 
 
 def write_project(folder: Path, texts: Mapping[str, str]) -> Path:
-    """Writes the folder with texts by file path. Raises OSError."""
+    """Writes a new folder from texts by file path; it appears only when it is complete.
+
+    Raises OSError.
+    """
     folder.parent.mkdir(parents=True, exist_ok=True)
     # on the same disk, where a rename is one operation: the folder is there whole or not at all
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:

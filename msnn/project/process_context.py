@@ -15,11 +15,12 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def process_context(modules: Sequence[str]) -> BaseContext:
-    """Processes forked from a server that only imports modules, or spawned.
+    """The multiprocessing context for new processes, with `modules` imported in advance if
+    possible.
 
-    Processes forked from this one would inherit locks of numpy's and torch's threads. The server
-    starts once per process, with the modules and environment of that time; other modules are
-    imported on demand.
+    Processes are forked from a server that only imports modules, or spawned. Processes forked from
+    this one would inherit locks of numpy's and torch's threads. The server starts once per process,
+    with the modules and environment of that time; other modules are imported on demand.
     """
     # Windows
     if "forkserver" not in multiprocessing.get_all_start_methods():
@@ -34,7 +35,7 @@ def process_context(modules: Sequence[str]) -> BaseContext:
 
 @contextmanager
 def children_off_working_folder() -> Generator[None]:
-    """New Python processes do not import modules from the working folder within the block.
+    """A context in which new Python processes import no modules from the working folder.
 
     Otherwise they would, like `python -c`: a user's `statistics.py` would replace Python's.
     """

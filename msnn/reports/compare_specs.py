@@ -22,7 +22,7 @@ _DOC = "doc"
 
 @dataclass(frozen=True)
 class ChangedValue:
-    """A changed value of the canonical spec; `None` means the value does not exist."""
+    """A value of the spec that differs; `old` or `new` is None if it does not exist."""
 
     path: str
     old: Any
@@ -31,7 +31,7 @@ class ChangedValue:
 
 @dataclass(frozen=True)
 class SpecDifference:
-    """All changes, and their common classification.
+    """The changes between two specs, and what kind of difference they are together.
 
     `same`: identical in all significant characters. `text`: comments, layout, docs, or another form
     of the same program. `renamed`: names differ only, see `renames`. `workflow`: only training,

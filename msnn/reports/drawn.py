@@ -50,7 +50,7 @@ class DrawnNumber:
 
 
 def shown_first(runs: Sequence[Simulation]) -> list[Simulation]:
-    """The runs sorted by set: test, validation, training."""
+    """The simulations in the order in which plots show them: test set, validation, training."""
 
     def rank(run: Simulation) -> int:
         sets = set(run.places.sets)
@@ -128,10 +128,10 @@ def _indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
 
 
 def unit_of(unit: Unit | None) -> str:
-    """The unit for axes; empty for dimensionless quantities."""
+    """The text of a unit for the label of an axis; empty if the quantity is dimensionless."""
     return "" if unit is None or unit.text == "1" else unit.text
 
 
 def with_unit(name: str, unit: str) -> str:
-    """The title of an axis."""
+    """The label of an axis: the name and, if any, the unit."""
     return f"{name} / {unit}" if unit else name

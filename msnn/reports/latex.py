@@ -19,7 +19,7 @@ def latex_text(spec: Spec) -> str:
 
 
 def formulas(spec: Spec) -> Iterator[tuple[str, str]]:
-    """Both sides of each formula."""
+    """Yields the left and the right side of each formula of the spec in LaTeX."""
     for name, function in spec.functions.items():
         arguments = ", ".join(name_latex(argument.value) for argument in function.args)
         yield rf"{name_latex(name)}\left({arguments}\right)", expression_latex(function.expr)

@@ -169,7 +169,7 @@ def _equations(spec: Spec, program: Program) -> Iterator[_Candidate]:
 
 
 def _is_layer_call(expression: Expression, spec: Spec) -> bool:
-    """True if it is already drawn as a layer."""
+    """True if the expression is only a call of a layer, which is drawn as a layer."""
     return (
         isinstance(expression, Call)
         and isinstance(expression.function, Name)
@@ -206,7 +206,7 @@ def _curves(
 def _ranges(
     model: Model, weights: Weights, data: Dataset, texts: Sequence[str]
 ) -> dict[str, _Argument]:
-    """The ranges of scalar arguments in the data; simulations start at recordings."""
+    """The ranges of scalar expressions (`texts`) in a simulation over the data, by text."""
     outputs = {f"argument{number}": {"expr": text} for number, text in enumerate(texts)}
     probe = _compiled(model, {"outputs": outputs}, (*workflow(), "losses"))
     if probe is None or not texts:
@@ -280,7 +280,10 @@ def _compiled(
     without: Sequence[str],
     needs: frozenset[str] | None = None,
 ) -> Program | None:
-    """The model's spec with changed sections, compiled; None if that fails."""
+    """Compiles the model's spec with changed sections; None if that fails.
+
+    `without` are sections to remove, `needs` the names that must remain.
+    """
     data = {key: value for key, value in spec_data(model.spec).items() if key not in without}
     # only what the function needs: other entries read inputs that the small model has not
     if needs is not None:
@@ -295,5 +298,5 @@ def _compiled(
 
 
 def _own(program: Program, weights: Weights) -> dict[str, FloatArray]:
-    """The weights of the parameters in a part of the model."""
+    """The weights of the parameters that `program`, a part of the model, has."""
     return {p.name: weights[p.name] for p in program.parameters if p.name in weights}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from msnn.errors.learning.runs import unreadable_run
-from msnn.model.program_file import plugins_text, recorded_plugins
+from msnn.model.program_file import plugins_text
 from msnn.model.saved_run import (
     DESCRIPTION,
     FOLD,
@@ -20,9 +20,11 @@ from msnn.model.saved_run import (
     PARAMETERS,
     SPEC,
     WEIGHTS,
+    data_plugins,
     has_checkpoint,
     newest,
     read_json,
+    recorded_plugins,
     run_of,
 )
 from msnn.reports.training_summary import (
@@ -143,7 +145,7 @@ def _stage(attempts: Mapping[int, list[EpochEnd]], reason: str) -> TrainedStage:
 
 
 def run_text(run: Run) -> str:
-    """Tables of the run's configuration and results, and commands to continue."""
+    """A text about a run: its configuration, results, and commands to continue."""
     parts = [_heading(run)]
     if run.stages:
         parts.append(stages_table([(stage.reached, stage.losses) for stage in run.stages]))
@@ -157,7 +159,7 @@ def run_text(run: Run) -> str:
 
 
 def run_record(run: Run) -> dict[str, Any]:
-    """The same as JSON values."""
+    """The configuration and results of a run as a JSON object."""
     return {
         "folder": str(run.folder),
         "state": run.state,
@@ -234,6 +236,7 @@ def _heading(run: Run) -> str:
         ("data", f"{count(len(data['files']), 'record')}, rows: {rows}"),
         ("trained with", ", ".join(f"{n} {v}" for n, v in found["versions"].items())),
         *([("plug-ins", plugins_text(plugins))] if (plugins := recorded_plugins(found)) else []),
+        *([("data read by", plugins_text(plugins))] if (plugins := data_plugins(found)) else []),
         ("on", ", ".join(places)),
     ]
     return table_text(("run", str(run.folder)), lines)

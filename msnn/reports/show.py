@@ -101,7 +101,7 @@ def _duration(program: Program, extent: Extent | None) -> str:
 
 
 def _lines_that_read(program: Program, name: str) -> str:
-    """The lines of the spec whose formulas read the signal."""
+    """A text with the lines of the spec whose formulas read the signal."""
     lines = {
         node.span.line
         for graph in (program.step, program.start)

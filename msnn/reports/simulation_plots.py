@@ -126,7 +126,9 @@ def _ends(channel: DrawnNumber, shown: Sequence[Simulation]) -> tuple[list[float
 
 
 def _values(run: Simulation, channel: DrawnNumber) -> FloatArray:
-    """All drawn values of an element in one run."""
+    """The plotted values of an element in one run: simulated ones, then measured ones if there are
+    any.
+    """
     if channel.source in run.inputs:
         return channel.of(run.inputs[channel.source])
     values = channel.of(run.outputs[channel.source])

@@ -18,7 +18,8 @@ _MOST_SHOWN = 8
 
 
 class Recorded:
-    """Forwards every event, and records the end of each stage with its last losses.
+    """A receiver of progress that forwards events, and records the end of each stage with its
+    losses.
 
     With `keeps_epochs` it records all epochs, for a run without files.
     """
@@ -54,12 +55,14 @@ class Recorded:
 
 
 def stages_table(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> str:
-    """The text of `stages_cells`."""
+    """The results of the stages as a printed table; see `stages_cells`."""
     return stages_cells(stages).text
 
 
 def stages_cells(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> Table:
-    """One row per stage: the best watched total, and the last training losses."""
+    """A table with one row per stage: the best monitor, and the training losses of the last
+    epoch.
+    """
     losses = list(dict.fromkeys(name for _, found in stages for name in found))
     rows = [
         (
@@ -77,7 +80,7 @@ def stages_cells(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> Tabl
 
 
 def parameters_table(record: Mapping[str, Any]) -> str:
-    """The text of `parameters_cells`."""
+    """The learned parameters as a printed table; see `parameters_cells`."""
     return parameters_cells(record).text
 
 
@@ -139,7 +142,7 @@ def training_record(
     recorded: Recorded,
     found: StandardErrors | None = None,
 ) -> dict[str, Any]:
-    """The same as JSON values."""
+    """The stages, losses and parameters of a training as a JSON object."""
     return {
         "stages": [
             {

@@ -36,7 +36,7 @@ _ROUNDING = 1e-24
 
 @dataclass(frozen=True, slots=True)
 class RunProducts:
-    """For every problem F = rᵀr, Jᵀr, JᵀJ, and the sum of squared targets."""
+    """For each problem: F = rᵀr, Jᵀr, JᵀJ, and the sum of squared targets."""
 
     squares: FloatArray
     slope: FloatArray
@@ -59,7 +59,7 @@ class RunProducts:
 
 @dataclass(frozen=True, slots=True)
 class Descended:
-    """The solutions of the problems."""
+    """The solution of each problem, and flags of those that did not converge or are not unique."""
 
     values: FloatArray
     """(problems, variables)."""
@@ -72,9 +72,10 @@ class Descended:
 def descended(
     begin: FloatArray, products: Callable[[IntArray, FloatArray], RunProducts]
 ) -> Descended:
-    """The minima reached from `begin` within MOST_STEPS steps.
+    """Minimises every problem from `begin`, (problems, variables), in at most MOST_STEPS steps.
 
-    `products` computes the products of selected problems at given values.
+    `products` computes the residuals' products of the problems with the given indices at given
+    values.
     """
     values = begin.copy()
     everything = np.arange(len(begin))

@@ -26,7 +26,7 @@ from msnn.model.weights.covariance import Covariance
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intervals:
-    """Defines the prediction intervals of a model's outputs."""
+    """The level and variances from which prediction intervals of a model's outputs are computed."""
 
     level: float
     """The probability that a measured value lies inside, between 0 and 1."""
@@ -42,7 +42,7 @@ class Intervals:
 
 @dataclass(frozen=True, slots=True)
 class UncertainProgram:
-    """A program that also simulates the variances of its outputs, and its weights."""
+    """A program that also computes the variances of its outputs, and the weights that it needs."""
 
     program: Program
     weights: Mapping[str, FloatArray]

@@ -96,7 +96,9 @@ def _multipliers(
 
 
 def _blocks(hessian: FloatArray, states: int) -> dict[str, FloatArray]:
-    """The blocks of a matrix whose rows and columns are x, then u."""
+    """The Hessian split into `xx`, `xu`, `ux` and `uu`; its rows and columns are the states, then
+    inputs.
+    """
     parts = {"x": slice(0, states), "u": slice(states, None)}
     return {
         f"{i}{j}": hessian[row, column] for i, row in parts.items() for j, column in parts.items()
@@ -118,7 +120,7 @@ def _arrays(
 
 
 def _series(port: Port, value: FloatArray, row: int) -> FloatArray:
-    """A series in which the step at this row reads exactly these samples."""
+    """Data of one signal in which the step at row `row` reads exactly these samples."""
     samples = value[np.newaxis] if port.type.window is None else np.moveaxis(value, -1, 0)
     # the window is last in a value (R1), and time is first in a log
     series = np.zeros((row + max(port.last, 0) + 1, *samples.shape[1:]))

@@ -20,7 +20,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 @dataclass(frozen=True, slots=True)
 class RolloutRow:
-    """One step of the rollouts that still run, the longest first."""
+    """The values of one step in all rollouts that still run, the longest first."""
 
     number: int
     """Index of the step, 0 at the start of each rollout."""
@@ -32,7 +32,9 @@ class RolloutRow:
 
 @dataclass(frozen=True, slots=True)
 class LossSum:
-    """Σ of a loss over all scored elements, and their count; both weighted by row factors."""
+    """The sum of a loss over all scored elements, and their number; both weighted by row
+    factors.
+    """
 
     total: float
     count: float
@@ -64,7 +66,10 @@ def longest_first(runs: Runs) -> IntArray:
 def moments(
     interpreter: Interpreter, series: Mapping[str, FloatArray], runs: Runs, *, losses: bool
 ) -> Iterator[RolloutRow]:
-    """Yields every step of all rollouts; rollouts that have ended are omitted."""
+    """Simulates rollouts and yields their steps one after the other, for all rollouts together.
+
+    With `losses`, each step also has predictions and targets of losses. Ended rollouts are omitted.
+    """
     order = longest_first(runs)
     t0, steps = runs.t0[order], runs.steps[order]
     if not len(order):
@@ -103,7 +108,10 @@ def summed(
     skip: int,
     scored: Mapping[str, BoolArray] | None,
 ) -> dict[str, LossSum]:
-    """Every loss over steps of rollouts; arguments as for `loss_sums`."""
+    """Sums every loss over steps of rollouts, of which `moments` yields one after the other.
+
+    `skip` and `scored` are those of `loss_sums`.
+    """
     named = {loss.name: loss for loss in losses}
     sums = dict.fromkeys(named, LossSum(0.0, 0))
     for moment in moments:
@@ -125,7 +133,7 @@ def summed(
 
 
 def _along(rows: NDArray[Any], like: FloatArray) -> NDArray[Any]:
-    """Broadcasts one value per member to all of its elements."""
+    """One value per rollout, broadcast to the shape of `like`."""
     return np.broadcast_to(rows.reshape(-1, *[1] * (like.ndim - 1)), like.shape)
 
 
@@ -157,7 +165,11 @@ def _sum(
 
 
 def cost(loss: Loss, prediction: FloatArray, target: FloatArray | None) -> FloatArray:
-    """The contribution of each element to the mean of a loss."""
+    """The loss of each element: its squared error, absolute error, Huber cost or the prediction
+    itself.
+
+    A loss is the mean of these (its root for RMSE). Target None means 0.
+    """
     error = prediction if target is None else prediction - target
     match loss.measure:
         case Measure.MSE | Measure.RMSE:
@@ -225,7 +237,7 @@ def _evaluated(runs: Runs, rows: int) -> IntArray:
 
 
 def _of_rows(program: Program, loss: Loss, node: int, data: Dataset, t: IntArray) -> FloatArray:
-    """The value of a node that depends only on data, in each of these rows."""
+    """The values of a node that depends only on data, at the rows `t`."""
     output = Output(loss.name, node)
     # factors read the log alone: nothing else of the step is computed
     alone = replace(program, outputs=(output,), losses=(), states=(), expected=(), fits=())

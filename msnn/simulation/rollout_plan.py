@@ -38,7 +38,9 @@ from spec_schema.sections.training import Rollout
 
 @dataclass(frozen=True, slots=True)
 class PlannedStarts:
-    """States whose initial values are estimated from the first steps of each run."""
+    """How the initial states of rollouts are estimated: the program, and the steps that determine
+    them.
+    """
 
     program: Program
     """The closed-loop program before it reads the estimates."""
@@ -57,7 +59,9 @@ class PlannedStarts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RolloutPlan:
-    """Horizon and start rows for a stage or a metric; the loop in `program` is closed."""
+    """The rollouts of a stage or a metric: horizon, stride, skipped steps, and the closed-loop
+    program.
+    """
 
     program: Program
     horizon: Horizon
@@ -76,8 +80,9 @@ class RolloutPlan:
 
     @property
     def fed_back(self) -> tuple[str, ...]:
-        """The closed signals that read a prediction; with horizon 1, only those of the same row
-        do.
+        """The input signals that read a prediction of the model instead of the data.
+
+        With horizon 1, only those predicted for the same row do.
         """
         if self.horizon != 1:
             return self.closed
@@ -87,8 +92,8 @@ class RolloutPlan:
 
     @property
     def reading(self) -> Program:
-        """The program that defines the rows of rollouts, including those read by estimated
-        states.
+        """The program that determines which rows a rollout needs; it includes those of estimated
+        initial states.
         """
         return self.program if self.starts is None else self.starts.program
 
@@ -101,7 +106,11 @@ def plan_rollout(
     skip_rows: Length | None = None,
     span: Span | None = None,
 ) -> RolloutPlan | None:
-    """The rollout of a stage or metric at `span`; for `stride` None it is the horizon."""
+    """Resolves the `rollout:` of a stage or metric: lengths in samples, closed loops; errors go to
+    `findings`.
+
+    `stride` None means the horizon. None after an error.
+    """
     unscored = 0 if skip_rows is None else samples(skip_rows, program.sample_time, findings)
     if unscored is None:
         return None
@@ -162,7 +171,10 @@ def default_rollout(program: Program) -> RolloutPlan:
 
 
 def free_rollout(program: Program) -> RolloutPlan:
-    """Whole recordings with all predicted inputs fed back. Raises LoopError."""
+    """The plan of a simulation of whole recordings, with all predicted inputs fed back.
+
+    Raises LoopError if a loop cannot be closed.
+    """
     closed = predicted_inputs(program)
     looped = close_loop(program, closed)
     plan = RolloutPlan(program=looped, horizon="record", stride=1, skip=0, closed=closed)
@@ -216,9 +228,10 @@ def set_rollouts(
     findings: Findings,
     also: Extent | None = None,
 ) -> Runs | None:
-    """The rollouts of a plan in one set; `stride` None visits each sample once (rule R2).
+    """The rollouts of a plan in the set `name` (`train`, …), as start rows and numbers of steps.
 
-    `also` are further samples relative to t that are read. None after reporting errors.
+    `stride` None visits each sample once (rule R2). `also` are further samples relative to t that
+    must exist. `wanted_by` and `span` are for messages. None after reporting errors.
     """
     if not data.has(name):
         known = [known for known in data.sets if data.has(known)]
@@ -273,7 +286,7 @@ def set_rollouts(
 
 
 def counted_rows(plan: RolloutPlan, data: Dataset, name: str) -> Mapping[str, BoolArray] | None:
-    """For every loss, the mask of scored rows t in a set; None if all rows are scored."""
+    """For every loss, the mask (rows,) of rows that are scored in a set; None if all are."""
     whole = plan.horizon == "record"
     if not whole and not plan.skip_rows and not has_unmeasured(data, plan.program):
         return None
@@ -281,7 +294,9 @@ def counted_rows(plan: RolloutPlan, data: Dataset, name: str) -> Mapping[str, Bo
 
 
 def score_some(runs: Runs, rows: Mapping[str, BoolArray] | None) -> BoolArray:
-    """Mask of runs in which at least one loss has a scored row."""
+    """The mask of rollouts in which at least one loss has a scored row; `rows` are masks
+    per loss.
+    """
     if rows is None:
         return np.ones(len(runs), np.bool_)
     before = np.concatenate([[0], np.cumsum(np.any([*rows.values()], axis=0))])
@@ -396,8 +411,8 @@ def _steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
 
 
 def samples(length: Length, sample_time: float | None, findings: Findings) -> int | None:
-    """The number of samples; None after reporting a duration that is not a whole number of
-    samples.
+    """The number of samples of a length; None after reporting a duration that is no whole number of
+    them.
     """
     try:
         return Sampling(sample_time, findings).samples(length)

@@ -36,7 +36,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 @dataclass(frozen=True, slots=True)
 class StepPlaces:
-    """The place of each step of a run in the data: the row that is `t` in the step."""
+    """Where each step of a simulation is in the data files: file, row and time."""
 
     files: tuple[str, ...]
     rows: IntArray
@@ -59,7 +59,9 @@ class StepPlaces:
         return found[0] + float(np.median(np.diff(found))) * np.arange(len(found))
 
     def joins(self, step: int) -> bool:
-        """True if the file has a row for a step."""
+        """True if the file has a row for a step; false if the step is between two rows by
+        resampling.
+        """
         return int(self.rows[step]) != BETWEEN_ROWS
 
 
@@ -92,7 +94,7 @@ class Simulation:
 
 @dataclass(frozen=True, slots=True)
 class Simulations(Sequence[Simulation]):
-    """The runs in the order of the data, with warnings."""
+    """The simulations of one call, in the order of the data, with warnings."""
 
     runs: tuple[Simulation, ...]
     warnings: tuple[Diagnostic, ...] = ()
@@ -335,7 +337,9 @@ def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -
 def simulation_rows(
     program: Program, runs: Sequence[Simulation]
 ) -> tuple[list[str], Iterator[tuple[object, ...]]]:
-    """The header of the table, and an iterator over its rows; "" is a missing value."""
+    """The columns' names and the rows of the table that `write_simulation` writes; "" is a missing
+    value.
+    """
     timed = any(run.places.time is not None for run in runs)
     logged = [out for out in program.outputs if any(out.name in run.logged for run in runs)]
     header = [label for out in program.outputs for label in _labels(program, out)]
@@ -357,7 +361,7 @@ def simulation_rows(
 
 
 def run_record(run: Simulation) -> dict[str, object]:
-    """The place of a run as JSON values: its first and last step."""
+    """The files, rows and times of the first and last step of a simulation, as a JSON object."""
     places, ends = run.places, (0, run.steps - 1)
     return {
         "files": list(dict.fromkeys(places.files)),

@@ -27,10 +27,10 @@ def simulation_data(
     data_root: str | Path | None,
     data_set: str | None,
 ) -> Dataset:
-    """The signals that `program` reads, and those that the outputs of the model predict.
+    """Loads the data that `program` reads, and those that outputs of the model predict.
 
-    Data other than the spec's are one set without a split, named `data` or `data_set`; files have
-    the layout of that set. Raises SpecError with all errors in the data.
+    `data` None means the spec's. Other data are one set without a split, named `data` or
+    `data_set`; files have the layout of that set. Raises SpecError with all errors in the data.
     """
     if data is None:
         # the data of the spec, with its sets
@@ -50,11 +50,13 @@ def simulation_data(
         # other files have the columns of the spec's: only what is read of them differs
         section = data_of_files(model.spec.data or plain_layout(model), files, data_set)
         filters = row_filters(model.spec.model_copy(update={"data": section}))
-        return load_data(program, section, Path.cwd(), filters, model.program)
+        return load_data(
+            program, section, Path.cwd(), filters, model.program, recorded=model.recorded
+        )
 
 
 def given_files(data: GivenData) -> list[Path] | None:
-    """The paths if `data` consists of paths, else None."""
+    """The paths if `data` is a path or a list of paths; None if it is data frames."""
     if isinstance(data, str | Path):
         return [Path(data)]
     if isinstance(data, list | tuple):

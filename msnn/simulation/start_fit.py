@@ -38,7 +38,7 @@ Series = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class TakenStarts:
-    """Initial states of runs that were saved by a training."""
+    """Initial states that a training has saved, for rollouts that begin at rows `t0`."""
 
     t0: IntArray
     values: Mapping[str, FloatArray]
@@ -46,7 +46,7 @@ class TakenStarts:
 
 @dataclass(frozen=True, slots=True)
 class FoundStarts:
-    """The initial states of runs, and their uncertainty."""
+    """The estimated initial states of rollouts, with flags of those that are uncertain."""
 
     t0: IntArray
     values: Mapping[str, FloatArray]
@@ -81,7 +81,7 @@ class FoundStarts:
         )
 
     def doubts_of(self, runs: BoolArray) -> FoundStarts:
-        """The result with uncertainty flags of these runs only."""
+        """The same states, but flags only for rollouts in the mask `runs`, (runs,)."""
         undecided = {
             name: one & runs.reshape(-1, *[1] * (one.ndim - 1))
             for name, one in self.undecided.items()
@@ -90,7 +90,7 @@ class FoundStarts:
         return replace(self, undecided=undecided, unsettled=unsettled, guessed=guessed)
 
     def series(self, rows: int) -> dict[str, FloatArray]:
-        """The values as series with non-zero rows t0, in the form that programs read."""
+        """The initial states as series (rows, *shape), which are 0 except in the start rows."""
         found: dict[str, FloatArray] = {}
         for name, values in self.values.items():
             # only the rows t0 are ever read
@@ -103,7 +103,7 @@ class FoundStarts:
 
 
 class StartFit:
-    """Estimates the initial states of runs of one closed-loop program."""
+    """Estimates the initial states of rollouts of one closed-loop program by least squares."""
 
     def __init__(
         self,
@@ -149,10 +149,10 @@ class StartFit:
         loss_weights: Mapping[str, float] | None = None,
         rows: Mapping[str, BoolArray] | None = None,
     ) -> FoundStarts:
-        """The estimated initial states at these weights; `loss_weights` defaults to those of the
-        spec.
+        """Estimates the initial states of rollouts at these weights.
 
-        `rows` limits the estimate to a mask of rows per loss.
+        `series` are the data, (rows, *shape) by signal. `loss_weights` are by default those of the
+        spec. `rows` limits each loss to a mask (rows,).
         """
         whole = runs
         if self._over is not None:
@@ -234,7 +234,10 @@ class StartFit:
 
 
 def _weighted(sums: Mapping[str, RunSums], shares: Mapping[str, float]) -> RunProducts:
-    """Σ of weight / count times the products of each loss; a loss without rows adds 0."""
+    """The total over losses, for each rollout: Σ weight / count times the sums of a loss.
+
+    A loss without scored rows adds 0.
+    """
     found: list[RunProducts] = []
     for name, one in sums.items():
         scored = one.count > 0
@@ -260,7 +263,7 @@ def _is_zero(graph: Graph, place: NodeId) -> bool:
 
 
 def fit_of(plan: RolloutPlan, *, searches: int = 1, native: bool = True) -> StartFit | None:
-    """The estimator for a plan; None if the plan has no estimated initial states."""
+    """The estimator for a plan; None if all its initial states are defined by the spec."""
     starts = plan.starts
     if starts is None:
         return None
@@ -279,10 +282,11 @@ def with_starts(
     rows: Mapping[str, BoolArray] | None = None,
     kept: KeptStarts | None = None,
 ) -> tuple[RolloutPlan, Dataset]:
-    """The plan and the data with initial states of its runs; warnings go to `findings`.
+    """The plan and the data to which estimated initial states of `runs` are added as series.
 
-    If all runs have saved initial states in `kept`, the plan scores every row that the training
-    scored. `rows` are masks of scored rows per loss.
+    Warnings about uncertain estimates go to `findings`. If all runs have saved initial states in
+    `kept`, the plan scores every row that the training scored. `rows` are masks of scored rows per
+    loss.
     """
     fit = fit_of(plan)
     if fit is None or plan.starts is None:

@@ -34,7 +34,7 @@ _SEARCH = 4
 
 
 class StartProducts:
-    """Residuals of one program, and their Jacobian in offsets of the initial states."""
+    """Computes the residuals of rollouts and their derivatives in the initial states."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class StartProducts:
     def on(
         self, log: Series, runs: Runs, weights: Series | None, skip: int, rows: Rows | None
     ) -> SumsOfRuns:
-        """A function that returns the sums of selected runs, from step `skip` on.
+        """A function that returns the sums of selected rollouts, from step `skip` on.
 
         `log` contains the series of initial states, which may change between two calls. `rows`
         limits each loss to a mask of rows.
@@ -154,7 +154,10 @@ class StartProducts:
 
 @dataclass(slots=True)
 class RunSums:
-    """Sums of one loss for every run: rᵀr, Kᵀr, KᵀK, squared targets, counts."""
+    """The sums of one loss for each rollout: rᵀr, Kᵀr, KᵀK, squared targets, counts.
+
+    r are residuals and K their derivatives in the initial state.
+    """
 
     squares: FloatArray
     slope: FloatArray
@@ -171,7 +174,10 @@ class RunSums:
     def add(
         self, loss: str, values: Mapping[str, FloatArray], members: IntArray, some: BoolArray
     ) -> None:
-        """Adds one step of some of these runs."""
+        """Adds one step of the rollouts `members`, of which only those in the mask `some` count.
+
+        `values` are the residuals and derivatives of that step, by name.
+        """
         values = {name: value[some] for name, value in values.items()}
         members, runs = members[some], int(some.sum())
         if not runs:  # all of them are in rows that do not decide

@@ -43,13 +43,15 @@ class Fold:
 
     @property
     def monitor(self) -> float:
-        """The monitor of the last stage, evaluated on the held-out fold."""
+        """The monitor of the last stage, which was computed on the held-out fold."""
         return self.training.stages[-1].best_value
 
 
 @dataclass(frozen=True, slots=True)
 class FoldsResult:
-    """All folds in order, and the folder with one sub-folder per fold."""
+    """The result of a cross-validation: all trained folds, and the folder with one sub-folder per
+    fold.
+    """
 
     folds: tuple[Fold, ...]
     folder: Path | None
@@ -74,8 +76,10 @@ def train_folds(
     progress: Progress | None,
     weights: Mapping[str, FloatArray] | None,
 ) -> FoldsResult:
-    """Trains every fold from the same initial weights; `read` loads the data of a model.
+    """Cross-validation: trains a model once per fold of `data.split`, each from the same initial
+    weights.
 
+    `read` loads the data of a model, `weights` are the initial ones (None: those of the spec).
     `folds.json` lists the completed folds; `latest` points to the best one once all are complete.
     `resume` continues the newest unfinished cross-validation: completed folds are only evaluated
     again, and an interrupted one continues from its checkpoint. Raises the errors of a training,
@@ -178,7 +182,9 @@ def of_fold(model: Model, number: int) -> Model:
 
 
 def folds_table(result: FoldsResult) -> str:
-    """The text of `folds_cells`."""
+    """The results of the folds as a printed table: one row per fold, and mean ± standard
+    deviation.
+    """
     return folds_cells(result).text
 
 
@@ -195,7 +201,9 @@ def folds_cells(result: FoldsResult) -> Table:
 
 
 def folds_record(result: FoldsResult) -> dict[str, Any]:
-    """The results as JSON values, with the folder of each fold."""
+    """The results of the folds as a JSON object: monitor, metrics and folder of each, and
+    the best.
+    """
     columns = _columns(result)
     return {
         "best": result.best.number,
@@ -251,7 +259,9 @@ def _deviation(values: list[float]) -> float:
 
 
 class _FoldProgress:
-    """Passes events on with the fold in the name of the stage, and each warning once."""
+    """Forwards progress events with the fold in the name of the stage, and each warning
+    only once.
+    """
 
     def __init__(self, shown: Progress, folds: int) -> None:
         self.fold = 1

@@ -1,4 +1,4 @@
-"""Trains in several processes: the same model and data on all, and the position if one is lost."""
+"""Checks that several processes train the same model, and saves the run if one process is lost."""
 
 from __future__ import annotations
 
@@ -43,8 +43,9 @@ def check_same_weights(ranks: TrainingRanks | None, weights: Mapping[str, FloatA
 def checkpoint_of_first(
     ranks: TrainingRanks | None, own: Path | None, checkpoint: Checkpoint | None
 ) -> Checkpoint | None:
-    """The checkpoint from which the first rank continues; `own` is its file, None on other
-    ranks.
+    """The checkpoint of rank 0, sent to all ranks: each continues the training from it.
+
+    `own` is the file of this process, None on other ranks than the first.
     """
     if ranks is None:
         return checkpoint
@@ -65,7 +66,7 @@ def _check(ranks: TrainingRanks | None, content: bytes, what: str) -> None:
 
 @dataclass(slots=True)
 class Reached:
-    """The last position from which the run can continue."""
+    """The last checkpoint from which a training of several processes can continue."""
 
     checkpoint: Checkpoint
 
@@ -73,7 +74,9 @@ class Reached:
     def kept(
         self, folder: RunFolder | None, safe: Safekeeping, progress: NotedProgress
     ) -> Generator[None]:
-        """Saves the position if another process is lost, and raises SpecError."""
+        """A context in which a lost process ends the training: the checkpoint is saved, and
+        SpecError raised.
+        """
         try:
             yield
         except RankLostError as lost:

@@ -78,11 +78,12 @@ def train(
     progress: Progress | None = None,
     weights: Mapping[str, FloatArray] | None = None,
 ) -> TrainingResult:
-    """Trains the stages in order, and returns the best weights of the last.
+    """Trains the stages in order, each from the best weights of the previous one.
 
     `program` is in window form. `weights` are the initial weights of the first stage, by default
-    the initial values. Raises SpecError before training if stages and data do not fit,
-    TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
+    the initial values. Returns the best weights of the last stage. Raises SpecError before training
+    if stages and data do not fit, TrainingDivergedError, TrainingInterruptedError and
+    MissingExtraError.
     """
     options, progress = options or TrainingOptions(), progress or Silent()
     # first of all: nothing is planned or compiled for a package that is missing
@@ -150,7 +151,7 @@ def train(
 
 @dataclass(slots=True, kw_only=True)
 class TrainingRun:
-    """A training with its progress reports and files."""
+    """A training in progress, with the receivers of its events and the folder of its files."""
 
     program: Program
     data: Dataset
@@ -167,7 +168,7 @@ class TrainingRun:
     course: StageCourse = field(default_factory=StageCourse)
 
     def through(self, now: Checkpoint, stop_asked: threading.Event) -> TrainingResult:
-        """Trains from the current position to the end."""
+        """Trains the remaining stages, from the checkpoint `now` to the end of the run."""
         for plan, data in self.stages[len(now.ended) :]:
             result = self._stage(plan, data, now, stop_asked)
             # epoch 0 counts (decision 0480): nothing was better than the weights before it

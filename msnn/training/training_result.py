@@ -64,7 +64,9 @@ class TrainingDivergedError(Exception):
         self.sources = sources
 
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
-        """Pickles the exception by its arguments, so that a process pool can return it."""
+        """Tells pickle to rebuild the exception from its arguments, so that a process pool can
+        return it.
+        """
         return _diverged, (self.diagnostic, self.result, self.is_latest, self.sources)
 
     def _render_traceback_(self) -> list[str]:
@@ -93,7 +95,9 @@ class TrainingInterruptedError(Exception):
         self.result = result
 
     def __reduce__(self) -> tuple[type[TrainingInterruptedError], tuple[TrainingResult]]:
-        """Pickles the exception by its result, so that a process pool can return it."""
+        """Tells pickle to rebuild the exception from its result, so that a process pool can return
+        it.
+        """
         return TrainingInterruptedError, (self.result,)
 
     def _render_traceback_(self) -> list[str]:
@@ -104,10 +108,10 @@ class TrainingInterruptedError(Exception):
 def begun(
     model: Model, data: Dataset, *, seed: int = 0, fold: int | None = None, held_out: str = ""
 ) -> RunLine:
-    """The line of a training before it begins: its identity, and everything that determines its
-    result.
+    """The line of `runs.jsonl` for a training that begins: its model, settings, data, seed and
+    fold.
 
-    `held_out` is the set for evaluation.
+    `held_out` is the set on which the trained model is evaluated.
     """
     # which fold it is stands beside them
     given = (text for text in model.settings if fold is None or not text.startswith(FOLD_SETTING))
@@ -132,7 +136,7 @@ def begun(
 
 
 def ended(line: RunLine, found: TrainingResult, runs: Path | None) -> RunLine:
-    """The line with the results of a completed training."""
+    """The line of `runs.jsonl` for a completed training, with its results."""
     kept = found.folder
     if runs is None or kept is None:
         kept = None
@@ -150,7 +154,7 @@ def ended(line: RunLine, found: TrainingResult, runs: Path | None) -> RunLine:
 
 
 def diverged(line: RunLine, error: TrainingDivergedError) -> RunLine:
-    """The line of a training that met a non-finite value."""
+    """The line of `runs.jsonl` for a training that met a non-finite value."""
     return replace(line, state="diverged", reason=describe(error.diagnostic))
 
 

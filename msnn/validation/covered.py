@@ -99,7 +99,9 @@ def coverages(
     engine: Engine,
     advance: Advance,
 ) -> list[Coverage]:
-    """The fraction of each entry's targets inside its intervals; no entry may be a loss."""
+    """The fraction of measured values inside prediction intervals, for each entry; none may be a
+    loss.
+    """
     found: dict[int, Coverage] = {}
     for group in simulated_together(checks):
         first, names = checks[group[0]], {checks[index].plan.of for index in group}

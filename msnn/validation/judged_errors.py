@@ -29,7 +29,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extrapolation:
-    """Scored samples whose input is outside the training range."""
+    """The scored samples at which an input is outside the range that it has in training."""
 
     signal: str
     share: float
@@ -70,7 +70,7 @@ def regions(squares: FloatArray, values: FloatArray) -> tuple[Region, ...]:
 
 
 def extrapolation(signal: str, values: FloatArray, trained: FloatArray) -> Extrapolation | None:
-    """The values outside the training range; None if there are none."""
+    """The samples of an input outside the range of its training values; None if there are none."""
     values, trained = values[np.isfinite(values)], trained[np.isfinite(trained)]
     if not len(values) or not len(trained):
         return None
@@ -88,7 +88,9 @@ _MOST_SIGNALS = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedErrors:
-    """The analysis of an output's errors."""
+    """The analysis of an output's errors: correlations, error by region of inputs,
+    extrapolation.
+    """
 
     residuals: tuple[ErrorsOfElement, ...]
     """Correlations per element."""
@@ -103,7 +105,7 @@ NOT_JUDGED = JudgedErrors(residuals=(), regions={}, extrapolations=())
 
 
 def judged_errors(check: ReadyCheck, rows: IntArray, errors: FloatArray) -> JudgedErrors:
-    """Analyses the errors of sorted, unique rows."""
+    """Analyses errors, (rows, *shape), at these rows of the data, which are sorted and unique."""
     assert check.plan.target is not None
     signals = _inputs(check)
     # an input is judged at the step that predicted, k samples before what it predicted
@@ -156,7 +158,7 @@ def _inputs(check: ReadyCheck) -> dict[str, FloatArray]:
 
 
 def _records(data: Dataset, rows: IntArray) -> IntArray:
-    """The index of the recording of each row."""
+    """The index of the recording that each row belongs to."""
     starts = np.array([record.start for record in data.records])
     # records follow each other: the last that begins before a row holds it
     return np.searchsorted(starts, rows, side="right") - 1

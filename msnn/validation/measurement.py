@@ -124,7 +124,7 @@ _OF_LOSSES = 1e-6
 
 
 def metric_in_doubt(plan: CheckPlan, errors: Errors, largest: float, parameters: int) -> bool:
-    """True if a limit lies within the possible difference between two engines.
+    """True if a metric is so near to a limit that another engine's rounding could decide otherwise.
 
     `largest` is the size of the predictions; `parameters` is as for `score`.
     """
@@ -140,7 +140,7 @@ def metric_in_doubt(plan: CheckPlan, errors: Errors, largest: float, parameters:
 
 
 def loss_in_doubt(plan: CheckPlan, value: float) -> bool:
-    """The same for a loss."""
+    """The same for the value of a loss: True if it is within rounding of a limit."""
     apart = _OF_LOSSES * abs(value)
     return _is_between(plan, value - apart, value + apart)
 
@@ -175,7 +175,7 @@ _SAMPLES = 20
 
 
 class CurveSums:
-    """Σe² by step within the rollout, from `begin` on.
+    """Sums of squared errors by step within the rollouts, from step `begin` on, for an error curve.
 
     With `few` rollouts, `samples` is the total number of samples, and neighbouring steps share
     points.
@@ -191,7 +191,9 @@ class CurveSums:
         self._scored = np.zeros(len(self._first), np.int64)
 
     def add(self, prediction: FloatArray, target: FloatArray, number: IntArray) -> None:
-        """Adds predictions with their step numbers."""
+        """Adds predictions and targets, (samples, *shape), with the step of each within its
+        rollout.
+        """
         squares, counts = _sums_of_squares(prediction, target)
         # where each step falls among the points, whose beginnings are sorted
         point = np.searchsorted(self._first, number, side="right") - 1
@@ -211,14 +213,16 @@ class CurveSums:
 
 
 class RowErrors:
-    """The error of each row of the data, from the first rollout that predicts it."""
+    """The error of each row of the data, taken from the first rollout that predicts the row."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._errors = np.zeros((rows, *shape))
         self._seen = np.zeros(rows, np.bool_)
 
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
-        """Adds predictions with their rows, in the order of rollouts."""
+        """Adds predictions, (samples, *shape), with their rows; the first one of each row
+        is used.
+        """
         # rollouts that overlap predict a row several times: the first one counts
         new = np.flatnonzero(~self._seen[rows])
         # the first of those within this block
@@ -246,7 +250,7 @@ class ErrorRange:
         self._samples = np.zeros(rows, np.int32)
 
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
-        """Adds predictions with their rows."""
+        """Adds predictions and targets, (samples, *shape), with their rows."""
         with np.errstate(all="ignore"):
             # NaN and ∞ of a prediction are seen in metrics; a picture needs a range
             error = (prediction - target).reshape(len(rows), prod(target.shape[1:]))
@@ -283,7 +287,10 @@ def _sums_of_squares(prediction: FloatArray, target: FloatArray) -> tuple[FloatA
 
 
 def rows_text(data: Dataset, rows: IntArray) -> str:
-    """`rows 5…1023 of 1024`, or counts for several recordings; `rows` are sorted and unique."""
+    """A text such as `rows 5…1023 of 1024`, or counts for several recordings.
+
+    `rows` are sorted and unique.
+    """
     if not len(rows):
         return "no rows"
     # rows are counted from the beginning of their record, as files have them
@@ -306,8 +313,9 @@ _AT_ONCE = 1 << 16
 
 
 class Measuring:
-    """Accumulates one output for one kind of simulation; memory is one value per row of the
-    data.
+    """Collects the errors of one output during a simulation, and computes its metrics at the end.
+
+    Memory is one value per row of the data.
     """
 
     def __init__(self, check: ReadyCheck, parts: Iterable[Runs], learned: int) -> None:
@@ -371,7 +379,7 @@ class Measuring:
         return MeanError(float(np.sqrt(squares.sum() / max(target.count.sum(), 1))), of)
 
     def measurement(self, *, judges: bool) -> Measurement:
-        """The measurement of all parts; `judges` adds the analysis of errors."""
+        """The metrics of everything that was added; `judges` adds the analysis of errors."""
         assert self._along is not None, "there are rollouts"
         # handed over and let go: the next entry may need the memory
         (extremes, by_row), self._along = self._along, None

@@ -45,7 +45,7 @@ Outcome = Measurement | LossValue
 
 @dataclass(frozen=True, slots=True)
 class FoundOutcomes:
-    """The outcomes of some entries; `is_doubtful` if a limit is within rounding of one."""
+    """The results of some entries; `is_doubtful` if one is within rounding of a limit."""
 
     outcomes: list[Outcome]
     is_doubtful: bool
@@ -70,7 +70,7 @@ class Simulator:
         """Notes for the user about the selection of engines."""
 
     def outcomes(self, checks: Sequence[ReadyCheck]) -> list[Outcome]:
-        """The outcome of every entry; entries with the same evaluation share it."""
+        """The result of every entry of `validate`; entries with the same evaluation share it."""
         found: dict[int, Outcome] = {}
         # a rollout answers all entries that are simulated alike: outputs apart from losses, as the
         # two keep different nodes
@@ -124,7 +124,9 @@ class Simulator:
     def _judged(
         self, program: Program, check: ReadyCheck, found: Callable[[RolloutEngine], FoundOutcomes]
     ) -> list[Outcome]:
-        """The outcomes of the engine; of the interpreter if a limit is within rounding."""
+        """The results of the engine; those of the interpreter if one is within rounding of
+        a limit.
+        """
         opened = self._opened(program, check)
         # limits are checked with the interpreter if engines could disagree (decision 0218)
         answer = found(opened.engine)
@@ -139,7 +141,7 @@ class Simulator:
 
 
 def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
-    """Groups of entries that the same rollouts serve, outputs and losses apart."""
+    """Groups of indices of entries that need the same simulation; outputs and losses are apart."""
     groups: list[list[int]] = []
     for index, check in enumerate(checks):
         is_loss = check.plan.metric is None
@@ -156,7 +158,7 @@ def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
 # entries, folds and sets ask for the same program again and again
 @kept_for_same(4)
 def _measured_program(program: Program, names: frozenset[str]) -> Program:
-    """The part of a program that computes these outputs only."""
+    """The part of a program that computes the outputs `names` only."""
     return reduced(program, lambda output: output.name in names, lambda _: False)
 
 
@@ -179,7 +181,7 @@ def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> Los
 
 
 def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs], learned: int) -> list[Measuring]:
-    """The accumulator of each entry; entries with the same evaluation share one."""
+    """An object that collects errors for each entry; entries with the same evaluation share one."""
     found: list[Measuring] = []
     for index, check in enumerate(checks):
         alike = next((i for i in range(index) if check.is_measured_as(checks[i])), None)
@@ -188,7 +190,7 @@ def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs], learned: int) 
 
 
 def rollout_parts(runs: Runs, steps: int) -> list[Runs]:
-    """The rollouts in order, in parts of about `steps` steps."""
+    """Splits the rollouts, in their order, into parts of about `steps` steps in total."""
     done = np.cumsum(runs.steps)
     # by where each rollout begins, so that none is cut
     block = (done - runs.steps) // steps

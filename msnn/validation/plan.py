@@ -28,7 +28,7 @@ PERCENT = parse_unit("%")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckPlan:
-    """A metric of an output against its target, or the value of a loss."""
+    """An entry of `validate` with all defaults: a metric of an output, or the value of a loss."""
 
     of: str
     metric: Metric | None
@@ -51,7 +51,7 @@ class CheckPlan:
 
     @property
     def details(self) -> tuple[str, ...]:
-        """Further properties of the evaluation, without horizon and closed signals."""
+        """Texts about the rollouts besides horizon and closed signals, such as `skip 20`."""
         plan, starts = self.rollout, self.rollout.starts
         skip = plan.skip if starts is None else starts.skip
         stride = plan.stride if isinstance(plan.horizon, int) else plan.horizon
@@ -95,7 +95,9 @@ def _plans(
 
 
 def _default_plans(program: Program) -> tuple[CheckPlan, ...]:
-    """The RMSE of every prediction."""
+    """The entries for a spec without `validate`: the RMSE of every output that predicts a
+    signal.
+    """
     default = default_rollout(program)
     return tuple(
         CheckPlan(

@@ -21,7 +21,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadyCheck:
-    """One entry with its rollouts and their data."""
+    """An entry of `validate` with its plan, its rollouts and the data that they run on."""
 
     plan: CheckPlan
     name: str
@@ -49,8 +49,9 @@ def ready_check(
     files: Mapping[str, Dataset],
     findings: Findings,
 ) -> ReadyCheck | None:
-    """The rollouts of an entry on set `on`, its own files or its set; None after reporting
-    errors.
+    """Finds the rollouts of an entry; None after reporting errors to `findings`.
+
+    They are in the set `on` if given, else in the entry's own files or set.
     """
     measured = files[plan.data] if plan.from_files and plan.data and not on else data
     assert measured is not None, "only entries with files do without data"
@@ -77,7 +78,8 @@ def with_found_starts(
     findings: Findings,
     kept: KeptStarts | None = None,
 ) -> list[ReadyCheck]:
-    """The entries with estimated initial states of their rollouts, where needed.
+    """The entries, with initial states of their rollouts added to the data where they must be
+    estimated.
 
     Entries with the same rollouts share estimates; warnings go to `findings`. `kept` are saved
     initial states of the training. Raises SpecError if the data do not determine an initial state.
@@ -109,7 +111,7 @@ def with_found_starts(
 
 @dataclass(frozen=True, slots=True)
 class Counting:
-    """The scored steps of some rollouts, rollout after rollout."""
+    """The scored steps of some rollouts: positions among all their steps, and rows of the data."""
 
     steps: IntArray
     """Positions of these steps among all steps."""
@@ -120,7 +122,7 @@ class Counting:
 
 
 class Counted:
-    """Selects the scored steps of an entry's rollouts."""
+    """Selects the steps of an entry's rollouts that its metric counts."""
 
     def __init__(self, check: ReadyCheck) -> None:
         plan = check.plan

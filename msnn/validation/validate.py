@@ -185,7 +185,9 @@ def _worse_than_mean(measured: Sequence[Measurement]) -> Iterator[Diagnostic]:
 
 
 def _measured_apart(checks: Sequence[ReadyCheck]) -> list[ReadyCheck]:
-    """One entry per measurement, in order."""
+    """One of the entries for each different evaluation, in order; entries that are losses are
+    omitted.
+    """
     found: list[ReadyCheck] = []
     for check in checks:
         if check.plan.metric is not None and not any(map(check.is_measured_as, found)):

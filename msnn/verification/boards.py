@@ -10,7 +10,9 @@ from msnn.verification.proof_step import ARM_GCC, ARM_QEMU, RISCV_GCC, RISCV_QEM
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Board:
-    """A core on a machine of QEMU, with memory regions for the linker script."""
+    """A processor core that QEMU emulates, with compiler options and the addresses of its
+    memory.
+    """
 
     target: str
     """The name in `--targets`."""

@@ -34,7 +34,9 @@ class Unreached:
 
 @dataclass(frozen=True, slots=True)
 class SourceCoverage:
-    """Counts over all sources of the model, and the code that is not reached."""
+    """The executed fractions of lines and branches of all sources, and the code that is not
+    reached.
+    """
 
     lines: int
     branches: int
@@ -50,8 +52,9 @@ class SourceCoverage:
 
 
 def coverage_check(model: ExportedC) -> ProofStep:
-    """Reports unreached code as a note, not as a finding: clamping may make a branch
-    unreachable.
+    """A check that reports code of the export that its tests do not reach, as notes.
+
+    It is no finding: clamping may make a branch unreachable.
     """
 
     def run(folder: Path) -> Result:

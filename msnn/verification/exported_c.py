@@ -25,7 +25,7 @@ _HASH = re.compile(r"[0-9a-f]{64}")
 
 
 class Sources(Protocol):
-    """A folder with C: `include`, `src`, perhaps `test`."""
+    """A folder with generated C: `include`, `src` and, in some exports, `test`."""
 
     @property
     def folder(self) -> Path: ...
@@ -37,7 +37,9 @@ class Sources(Protocol):
 
     @property
     def calibration(self) -> str | None:
-        """The variable with parameters for calibration tools; None without calibration."""
+        """The name of the C variable whose parameters calibration tools change; None without
+        calibration.
+        """
         ...
 
     @property
@@ -54,7 +56,7 @@ class Sources(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CFolder:
-    """The files of an export of C."""
+    """A folder of exported C, with the paths of its files."""
 
     folder: Path
 
@@ -99,7 +101,7 @@ _GOLDEN_STATUS = re.compile(r"golden_status\[(\d+)\]")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangedField:
-    """A field of a generated struct, with the range of its values if the spec has one."""
+    """A member of a generated C struct, with the range of its values if the spec gives one."""
 
     field: str
     size: int | None
@@ -113,7 +115,7 @@ class RangedField:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedC(CFolder):
-    """A model as described by the files of its export."""
+    """A C export that is to be verified, as the JSON description in its folder says."""
 
     prefix: str
     identity: str
@@ -141,12 +143,12 @@ class ExportedC(CFolder):
 
     @property
     def identities(self) -> dict[str, str]:
-        """The hash of all files, as for exports with several parts."""
+        """The hash of the export, for all files (`*`); exports with several parts have several."""
         return {"*": self.identity}
 
     @property
     def fixed_point(self) -> bool:
-        """True if it uses integer arithmetic."""
+        """True if the exported code uses integer arithmetic."""
         return self.dtype in ARITHMETICS
 
     @property
@@ -176,7 +178,7 @@ class ExportedC(CFolder):
 
     @property
     def number(self) -> str:
-        """The C type of the outputs."""
+        """The C type of an output's element."""
         return f"{self.prefix}_{'word_t' if self.fixed_point else 'real'}"
 
     @property
@@ -186,7 +188,7 @@ class ExportedC(CFolder):
 
     @property
     def linearizes(self) -> bool:
-        """True if it has a Jacobian."""
+        """True if the export has a function for the Jacobian."""
         return bool(self.slopes)
 
     @property
@@ -212,7 +214,7 @@ UNREADABLE = (
 
 
 def described(path: Path) -> Any:
-    """The JSON description in a file, not validated; raises one of UNREADABLE."""
+    """The content of a JSON file, not checked; raises one of the errors in UNREADABLE."""
     refuse_endless(path)
     return json.loads(path.read_text(encoding="utf-8"))
 
@@ -281,7 +283,7 @@ _BUILT = ("include", "src", "test")
 
 
 def files_check(model: Sources, identities: Mapping[str, str]) -> ProofStep:
-    """Checks that no file of the export was changed, removed or added.
+    """A check that no file of the export was changed, removed or added since it was written.
 
     `identities` maps patterns of file names to the hashes in the descriptions of the export's
     parts.

@@ -29,9 +29,9 @@ _DONE = re.compile(r"Done (\d+) runs in (\d+) second")
 
 
 def fuzz_check(model: ExportedC, seconds: int) -> ProofStep:
-    """Fuzzes for `seconds`: arbitrary bits as state, including corrupted ones, and any inputs.
+    """A check that fuzzes the C for `seconds`, from arbitrary bits as state and with any inputs.
 
-    Also fuzzes from a valid start; there, invalid inputs must follow their policies and outputs
+    It also fuzzes from a valid start; there, invalid inputs must follow their policies and outputs
     must stay finite.
     """
 

@@ -1,4 +1,6 @@
-"""Writes the test harness of an export, and compares its output with the interpreter's bits."""
+"""Writes C test programs around an export, and finds differences from the expected bits in their
+output.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +20,23 @@ _LAG = 3
 
 
 def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -> Path:
-    """Renders `templates/verify/<template>.j2` for the model; returns the path of the result."""
+    """Writes the C file of a template in `templates/verify/` for an export into `folder`; returns
+    its path.
+
+    `facts` are further values for the template.
+    """
     return write_template(template, folder, **_facts(model), **facts)
 
 
 def harness_text(template: str, model: ExportedC) -> str:
-    """Renders `templates/verify/<template>.j2` for the model; returns the text, writes no file."""
+    """The text of a template in `templates/verify/` for an export; writes no file."""
     return _text(template, _facts(model))
 
 
 def write_template(template: str, folder: Path, **facts: Any) -> Path:
-    """Renders `templates/verify/<template>.j2`; returns the path of the result."""
+    """Writes a template in `templates/verify/`, filled in with `facts`, into `folder`; returns its
+    path.
+    """
     path = folder / Path(template).name
     path.write_text(_text(template, facts), encoding="utf-8")
     return path
@@ -69,7 +77,10 @@ _SUMMARY = re.compile(r"differing ([0-9a-f]{8}) selftest ([0-9a-f]{8})")
 
 
 def differences(model: ExportedC, answer: str) -> list[str]:
-    """The differences in the output of the test harness, as sentences; empty if there are none."""
+    """The values that differ from the expected bits, as sentences; empty if there are none.
+
+    `answer` is the output of a test program that replays golden vectors.
+    """
     lines = [line.strip() for line in answer.splitlines() if line.strip()]
     # printed last: a board that trapped or hung has answered steps and no summary
     summary = next((m for line in lines if (m := _SUMMARY.search(line))), None)

@@ -31,7 +31,10 @@ Faults = Callable[[Tool, Sequence[str], Path], list[str]]
 
 
 def levels_check(what: str, tool: Tool, faults: Faults, promise: str) -> ProofStep:
-    """Checks that `what`, such as "golden steps", gives equal results at all levels."""
+    """A check that a program, built at all optimisation levels, computes the expected values.
+
+    `what` is its name, such as "golden steps"; `faults` builds, runs and compares it.
+    """
 
     def run(folder: Path) -> Result:
         found = [
@@ -72,14 +75,14 @@ def sanitizers_check(what: str, faults: Faults) -> ProofStep:
 
 @dataclass(slots=True)
 class _Build:
-    """The objects of one compiler with one set of flags."""
+    """The object files of one compiler with one set of flags."""
 
     lock: Lock = field(default_factory=Lock)
     objects: tuple[Path, ...] = ()
 
 
 class SharedObjects:
-    """The objects of an export's sources, for checks that run in parallel."""
+    """Object files of an export, compiled once for all checks that need them."""
 
     def __init__(self, model: Sources) -> None:
         self._model = model

@@ -33,7 +33,9 @@ from msnn.verification.proof_step import (
 
 
 def host_checks(model: ExportedC) -> Iterator[ProofStep]:
-    """Checks on a machine with gcc and clang; they take seconds."""
+    """The checks of an export that run on this machine with gcc and clang; together they take
+    seconds.
+    """
     yield from source_checks(model)
 
     def faults(tool: Tool, flags: Sequence[str], folder: Path) -> list[str]:
@@ -47,7 +49,9 @@ def host_checks(model: ExportedC) -> Iterator[ProofStep]:
 
 
 def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[ProofStep]:
-    """Compiler checks of the sources, without `accepted` warnings, and of their static memory."""
+    """Checks of C sources by compilers: no warnings except `accepted` ones, and no static
+    variables.
+    """
     gcc, clang = [*GCC_WARNINGS, *accepted], [*CLANG_WARNINGS, *accepted]
     yield _compiling("warnings", "gcc", (GCC,), model, [*STANDARD, "-O2", *gcc])
     # clang warns of what it reads, at no level of what its optimiser finds, as gcc has just done
@@ -109,7 +113,7 @@ def misra_check(model: Sources) -> ProofStep:
 def _compiling(
     name: str, target: str, needs: tuple[Tool, ...], model: Sources, flags: list[str]
 ) -> ProofStep:
-    """A compilation that must give no warnings."""
+    """A check that compiles the sources and fails at any warning."""
 
     def run(folder: Path) -> Result:
         tests = sorted((model.folder / "test").glob("*.c"))

@@ -16,7 +16,7 @@ from backends.files.c_compiler import complaints
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """A command, or a file that another command needs."""
+    """A command that a check needs, or a file for another command, and its Debian package."""
 
     command: str
     package: str
@@ -63,7 +63,7 @@ _SECONDS = 300.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """Measurements of one build of the step, or of another function, on one board."""
+    """Measured instructions, memory and stack of one build of a function, on one board."""
 
     flags: str
     of: str = ""
@@ -99,7 +99,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True)
 class ProofStep:
-    """A check that runs in its own folder."""
+    """One check of an export, which is run in a folder of its own."""
 
     name: str
     target: str
@@ -107,7 +107,9 @@ class ProofStep:
     run: Callable[[Path], Result] = field(repr=False)
 
     def result(self, folder: Path) -> Result:
-        """Its result; a missing, failing or hanging tool becomes a verdict, not an exception."""
+        """Runs the check; a missing, failing or hanging tool becomes a verdict, not an
+        exception.
+        """
         missing = tuple(tool for tool in self.needs if not tool.is_there)
         if missing:
             # a verdict of its own: "ok" would claim what nobody looked at
@@ -146,7 +148,7 @@ class ProofStep:
         notes: Sequence[str] = (),
         cycles: tuple[int, float, int] | None = None,
     ) -> Result:
-        """A result with these findings, or without any."""
+        """A result of this check with these findings; none means that it passed."""
         return Result(
             check=self.name,
             target=self.target,
@@ -174,7 +176,7 @@ class ToolFailedError(Exception):
 
 
 class UnansweredError(Exception):
-    """A command gave no result about the code, which is not a failure of the code."""
+    """A command ended without a result about the code, for example because it ran out of time."""
 
 
 class ToolTimedOutError(UnansweredError):
@@ -182,7 +184,10 @@ class ToolTimedOutError(UnansweredError):
 
 
 def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECONDS) -> str:
-    """The output of a command. Raises ToolFailedError and ToolTimedOutError."""
+    """Runs a command in `folder` for at most `seconds`, and returns its output.
+
+    Raises ToolFailedError if it fails, and ToolTimedOutError.
+    """
     words = [str(word) for word in command]
     try:
         done = subprocess.run(

@@ -24,7 +24,9 @@ _SECONDS = 60.0
 
 
 def board_checks(model: ExportedC, targets: frozenset[str]) -> Iterator[ProofStep]:
-    """One check per board and optimisation level."""
+    """Checks that replay golden vectors on emulated boards: one per board and optimisation
+    level.
+    """
     return (_on_board(board, level, model) for board, level in board_levels(targets))
 
 
@@ -76,7 +78,7 @@ def _instructions(counts: list[int], model: ExportedC) -> list[int]:
 
 
 class BoardBuild:
-    """The build of one board and optimisation level in one folder."""
+    """Compiles and runs programs for one board at one optimisation level, in one folder."""
 
     def __init__(self, board: Board, level: str, model: Sources, folder: Path) -> None:
         self.board, self.folder = board, folder
@@ -107,13 +109,13 @@ class BoardBuild:
         self.objects = [self.object(path, flags) for path in model.sources]
 
     def object(self, source: Path, flags: Sequence[str], name: str | None = None) -> Path:
-        """Compiles one source."""
+        """Compiles one C source, and returns the object file."""
         result = self.folder / f"{name or source.stem}.o"
         run_tool([*self._compiler, *flags, "-c", source, "-o", result], self.folder)
         return result
 
     def link(self, name: str, objects: Sequence[Path], options: Sequence[str] = ()) -> Path:
-        """Links objects with the start-up code."""
+        """Links objects with the start-up code of the board, and returns the program."""
         program = self.folder / f"{name}.elf"
         flags = ["-nostartfiles", "-Wl,--gc-sections", f"-T{self._script}", *options]
         if self.board.riscv:
@@ -135,7 +137,9 @@ class BoardBuild:
         return [self.object(path, flags) for path in (TEMPLATES / start, *self._library)]
 
     def answer(self, program: Path, seconds: float) -> str:
-        """The output of the board; the plugin writes the instruction counts to a file."""
+        """Runs a program in QEMU, and returns its output; a plugin writes instruction counts to a
+        file.
+        """
         symbols = run_tool([f"{self.board.binutils}nm", program], self.folder)
         addresses = {line.split()[-1]: line.split()[0] for line in symbols.splitlines()}
         begin, end = (addresses[f"measure_{place}"] for place in ("begin", "end"))

@@ -50,7 +50,7 @@ def verification_text(verification: Verification) -> str:
 
 
 def verification_markdown(verification: Verification) -> str:
-    """The same as a Markdown page."""
+    """The same results and measurements as a Markdown page, `REPORT.md`."""
     parts = [
         f"# Verification of `{verification.model.prefix}`",
         _markdown(_CHECKS, [_check_row(result) for result in verification.results]),

@@ -32,7 +32,7 @@ TARGETS: tuple[Target, ...] = ("host", "m4", "m7", "m0", "rv32")
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """All results, in the order of the checks."""
+    """The results of all checks of an export, in the order of the checks."""
 
     model: Sources
     results: tuple[Result, ...]
@@ -119,7 +119,7 @@ def _checks(model: ExportedC, wanted: WantedSteps) -> Iterator[ProofStep]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedSteps:
-    """The requested checks."""
+    """The checks that the user requests, by options of `msnn verify`."""
 
     targets: frozenset[str]
     proof: bool = False
@@ -150,7 +150,7 @@ E = TypeVar("E", bound=IdentifiedSources)
 
 @dataclass(frozen=True, kw_only=True)
 class VerifiedExport(Generic[E]):
-    """A kind of export with its own checks."""
+    """A kind of export that a feature verifies by checks of its own."""
 
     read: Callable[[Path], E | None]
     """The export in a folder; None if the folder has another."""
@@ -174,9 +174,10 @@ def verified_exports() -> Iterator[AnyVerifiedExport]:
 
 
 def write_serve_files(export: Path, folder: Path) -> tuple[Path, ...]:
-    """Writes three files for the export in a folder; SpecError (E1046, E1325) if there is none.
+    """Writes three C files with which firmware replays golden vectors on a board's serial line.
 
-    Raises SpecError (E1054) if other files would be replaced.
+    Raises SpecError if `export` is no C export (E1046, E1325), or if other files would be replaced
+    (E1054).
     """
     for kind in verified_exports():
         if (other := kind.read(export)) is not None:

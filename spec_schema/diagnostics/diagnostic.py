@@ -40,18 +40,18 @@ class Diagnostic:
     replacement: str | None = None
 
     def also_in(self, files: int) -> "Diagnostic":
-        """The same message with the number of further files it applies to."""
+        """The same diagnostic with a note that it applies to that many further files."""
         more = f" … and {files} more file{'s' if files > 1 else ''}"
         # of a mistake in each of a thousand files one message is enough
         return replace(self, message=self.message + more) if files else self
 
     def seen_from(self, place: Span, label: str) -> "Diagnostic":
-        """The same message with a further place."""
+        """The same diagnostic with a further place and its label."""
         return replace(self, secondary=(*self.secondary, (place, label)))
 
     @property
     def printable(self) -> "Diagnostic":
-        """The same message with control characters of quoted files removed."""
+        """The same diagnostic without control characters, which quoted files may contain."""
         return replace(
             self,
             message=printable(self.message),
@@ -64,7 +64,9 @@ class Diagnostic:
 
 
 class Facts(TypedDict, total=False):
-    """The parts of a message beside its sentence, as `Diagnostic` has them."""
+    """The optional parts of a diagnostic, as keyword arguments: further places, notes, help,
+    replacement.
+    """
 
     secondary: Secondary
     notes: tuple[str, ...]
@@ -96,9 +98,9 @@ def remark(
 
 
 class SpecError(Exception):
-    """A stage failed; carries every diagnostic of that stage, warnings included.
+    """A spec, data or weights are wrong; the exception has every diagnostic, warnings included.
 
-    `sources` are the texts that spans point into, where the one who raises it has them.
+    `sources` are the texts that the diagnostics point into, as far as they are known.
     """
 
     def __init__(
@@ -142,7 +144,7 @@ class Findings:
         self._diagnostics.update(dict.fromkeys(diagnostics))
 
     def mark(self) -> int:
-        """The current number of diagnostics, as argument for `forget`."""
+        """The number of diagnostics so far; an argument of `since` and `forget`."""
         return len(self._diagnostics)
 
     def since(self, mark: int) -> tuple[Diagnostic, ...]:
@@ -150,7 +152,7 @@ class Findings:
         return tuple(self._diagnostics)[mark:]
 
     def forget(self, mark: int) -> None:
-        """Removes the diagnostics after a mark, for a failed attempt without consequences."""
+        """Removes the diagnostics after a mark, if an attempt failed and another one follows."""
         # what is reported again after `mark` kept its first place, and stays
         for diagnostic in list(self._diagnostics)[mark:]:
             del self._diagnostics[diagnostic]
@@ -195,7 +197,7 @@ class _Mark:
 
 
 class Told(Protocol):
-    """The displayed parts of a diagnostic, without control characters."""
+    """A diagnostic as it is printed, without control characters."""
 
     @property
     def code(self) -> str: ...
@@ -244,7 +246,7 @@ def _full_text(diagnostic: Told, texts: Mapping[str, SourceText], color: bool) -
 
 
 def _marks(diagnostic: Told, main: Span) -> list[_Mark]:
-    """All underlines: first those in the main file, then by file and line."""
+    """All underlines of a diagnostic: those in the file of its main place first, sorted by line."""
     marks = [_Mark(main, diagnostic.label, "^", _COLORS[diagnostic.severity])]
     marks.extend(_Mark(span, label, "-", _FRAME) for span, label in diagnostic.secondary)
     # False sorts before True: the main file comes first

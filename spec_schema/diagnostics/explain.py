@@ -15,9 +15,9 @@ _TITLES = {"wrong": "Wrong:", "repaired": "Repaired:"}
 
 @dataclass(frozen=True)
 class Example:
-    """A piece of a spec or of data that is `wrong` or `repaired`.
+    """A code block of an explanation: a spec or data that is `wrong` or `repaired`.
 
-    A piece of a spec shows only what matters; one that is `whole` is a file as it stands.
+    A block of a spec shows only the relevant part; a `whole` one is a complete file.
     """
 
     language: str
@@ -36,7 +36,7 @@ class Explanation:
 
     @property
     def examples(self) -> tuple[Example, ...]:
-        """The examples of the page, in its order."""
+        """The code blocks of the explanation, in its order."""
         return tuple(
             Example(found[1], found[2] == "repaired", bool(found[3]), found[4])
             for found in _FENCED.finditer(self.page)

@@ -45,7 +45,7 @@ def render(
 
 
 def records(diagnostics: Iterable[Diagnostic]) -> list[dict[str, Any]]:
-    """The diagnostics as JSON values, for embedding in other output."""
+    """The diagnostics as a list of JSON objects."""
     return [_record(diagnostic) for diagnostic in diagnostics]
 
 
@@ -77,7 +77,7 @@ def _place(span: Span | None) -> dict[str, Any] | None:
 
 
 def _annotation(diagnostic: Diagnostic) -> str:
-    """A workflow command of GitHub Actions; its properties and its message escape differently."""
+    """A diagnostic as a line that GitHub Actions shows at its place in the code."""
     kind = {"error": "error", "warning": "warning", "note": "notice"}[diagnostic.severity]
     properties = {"title": diagnostic.code}
     span = diagnostic.span

@@ -29,7 +29,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def did_you_mean(meant: str | None) -> str | None:
-    """The suggestion of a known word, if `nearest` finds one."""
+    """The help line "did you mean …?"; None if there is no suggestion."""
     return f"did you mean `{meant}`?" if meant else None
 
 

@@ -22,12 +22,12 @@ _MARKER = re.compile(r"^(---|\.\.\.|%)", re.MULTILINE)
 
 
 def format_spec(path: str, text: str) -> str:
-    """The text of a spec in canonical layout, which reads as exactly the same spec.
+    """The text of a spec in canonical layout, with the same meaning.
 
-    Sections stand in the order of the grammar, with a blank line around those of several lines;
-    blanks at line ends and needless blank lines are gone. Values that YAML would misread within
-    { } or [ ] are quoted. Everything inside a section stays as it was written. Raises SpecError
-    for a spec that has errors.
+    Sections are in the order of the grammar, with a blank line around those of several lines.
+    Blanks at line ends and needless blank lines are removed. Values that YAML would misread within
+    { } or [ ] are quoted. The content of a section stays as it was written. Raises SpecError for a
+    spec that has errors.
     """
     text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     if not path.endswith(".json"):
@@ -192,7 +192,7 @@ def _root(path: str, text: str) -> Table:
 
 
 def _meaning(path: str, text: str) -> Any:
-    """The tree without places, to compare specs up to the order of sections."""
+    """The content of a spec without places and order of sections, to compare two texts."""
     try:
         root = _root(path, text)
     except SpecError:

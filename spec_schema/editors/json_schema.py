@@ -28,10 +28,11 @@ _EVERYWHERE: Mapping[str, str] = {
 
 
 def key_doc(entry: type[Entry], key: str) -> str:
-    """The line about a key of an entry, "" where there is none: the text below its field.
+    """The description of a key of an entry for editors: the text below its field; "" if there is
+    none.
 
-    Bases speak for what they bring; a key whose value is a mapping is explained by that, unless
-    there is more to say.
+    Inherited keys have that of the base class. A key whose value is a mapping has that of the
+    mapping's class, unless its own field has a text.
     """
     fields = ((field.alias or name, name, field) for name, field in entry.model_fields.items())
     ((name, field),) = ((name, field) for k, name, field in fields if k == key)
@@ -50,9 +51,10 @@ def key_doc(entry: type[Entry], key: str) -> str:
 
 @cache
 def _field_docs(module: str) -> Mapping[str, Mapping[str, str]]:
-    """The text below each field of each class of a module.
+    """The text below each field, by class and field of a module.
 
-    Only the source has it, so that a command that reads specs pays nothing for it (decision 0196).
+    It is read from the source, so that commands that only read specs spend no time on it (decision
+    0196).
     """
     classes = ast.parse(inspect.getsource(sys.modules[module])).body
     return {
@@ -80,10 +82,10 @@ _FOREIGN: JsonSchema = {"^x-": {}}
 
 
 def json_schema() -> dict[str, Any]:
-    """The schema of a whole spec; each kind of mapping is a definition.
+    """The JSON Schema of a whole spec, with one definition per class of mappings.
 
-    It has neither `oneOf` nor `anyOf`: a shorthand is one more type, so that an editor always
-    knows which keys can follow.
+    It has neither `oneOf` nor `anyOf`: a shorthand is one more type, so that an editor always knows
+    which keys can follow.
     """
     kinds = list(kinds_within(Spec))
     return {
@@ -95,12 +97,12 @@ def json_schema() -> dict[str, Any]:
 
 
 def json_schema_text() -> str:
-    """The schema as a file, the same bytes each time."""
+    """The JSON Schema as the text of a file; the same bytes each time."""
     return json.dumps(json_schema(), ensure_ascii=False, indent=1) + "\n"
 
 
 def _definition(entry: type[Entry]) -> dict[str, Any]:
-    """The mapping, and beside it the scalar or list that may stand in its place."""
+    """The schema of a mapping, which also admits the scalar or list that may replace it."""
     required = [key for key, _, needed in _fields(entry) if needed]
     # a section whose entries are commented out is null, and legal
     types = ["object"] if required or issubclass(entry, OneOf) else ["object", "null"]
@@ -167,7 +169,9 @@ def _alone(entry: type[Entry]) -> JsonSchema:
 
 
 def _inlined(schema: JsonSchema, entry: type[Entry]) -> JsonSchema:
-    """A schema without `$ref`: that of the mapping it refers to, less the mapping itself."""
+    """The schema without `$ref`: the forms of the mapping that it refers to, except the mapping
+    itself.
+    """
     if "$ref" not in schema:
         return schema
     (kind,) = (
@@ -185,7 +189,7 @@ _OF_OBJECTS = {"properties", "additionalProperties", "required"}
 
 
 def _united(mapping: dict[str, Any], alone: JsonSchema) -> dict[str, Any]:
-    """One schema for a mapping and for what stands in its place: no keyword is about both."""
+    """One schema that admits a mapping and the forms that may replace it."""
     types = [*mapping["type"], *(t for t in _types(alone) if t not in mapping["type"])]
     properties = {**alone.get("properties", {}), **mapping["properties"]}
     kept = {key: value for key, value in alone.items() if key not in _OF_OBJECTS}

@@ -20,15 +20,16 @@ from spec_schema.units.unit import Unit
 
 
 def spec_data(spec: Spec) -> dict[str, Any]:
-    """Mappings, lists, texts, numbers and switches; as YAML or JSON they read as an equal spec.
+    """The spec as mappings, lists, texts, numbers and booleans; as YAML or JSON they give an equal
+    spec.
 
-    Keys stand in the order of the grammar; what is empty or says nothing is left out.
+    Keys are in the order of the grammar; empty values are omitted.
     """
     return entry_data(spec)
 
 
 def entry_data(entry: Entry) -> dict[str, Any]:
-    """The same of a part of a spec."""
+    """An entry of a spec as mappings, lists, texts, numbers and booleans, like `spec_data`."""
     values: dict[str, Any] = {}
     for name, field in type(entry).model_fields.items():
         value = getattr(entry, name)

@@ -8,7 +8,7 @@ from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def closed_between(name: str, output: str, span: Span, prediction: Span) -> Diagnostic:
-    """E0226: a line to the next sample of an input that an output feeds back."""
+    """E0226: `between: linear` for an input that is fed back from an output."""
     message = f"`{name}` cannot be linear between samples: `{output}` predicts it"
     return error(
         "E0226",
@@ -21,7 +21,7 @@ def closed_between(name: str, output: str, span: Span, prediction: Span) -> Diag
 
 
 def needless_delay(name: str, span: Span, known: Sequence[str]) -> Diagnostic:
-    """E0227: a delay for an input that the exported step does not read ahead."""
+    """E0227: a `delay` for an input of which the exported step reads no future samples."""
     message = f"`delay` names `{name}`, which the exported step does not read ahead"
     meant = nearest(name, known)
     repair, label = did_you_mean(meant) or "leave `delay` out", "has no sample to wait for"
@@ -29,7 +29,7 @@ def needless_delay(name: str, span: Span, known: Sequence[str]) -> Diagnostic:
 
 
 def nothing_between(name: str, span: Span) -> Diagnostic:
-    """W0745: `between: linear` of an input that is read at its samples only."""
+    """W0745: `between: linear` for an input that is only read at its samples."""
     message = f"`between: linear` of `{name}` changes nothing"
     reason = "`euler` and `semi_implicit` evaluate right-hand sides where a substep begins"
     others = "what is not read by `der:` sees samples"
@@ -39,7 +39,7 @@ def nothing_between(name: str, span: Span) -> Diagnostic:
 
 
 def held_connection(name: str, span: Span, between: Span) -> Diagnostic:
-    """W0747: `between: linear` of a sub-model's input that is connected."""
+    """W0747: `between: linear` for a connected input of a sub-model."""
     message = f"`{name}` is held from sample to sample: it is connected"
     return warning(
         "W0747",
@@ -55,7 +55,7 @@ def held_connection(name: str, span: Span, between: Span) -> Diagnostic:
 def held_inputs(
     inputs: Sequence[str], parameters: Sequence[str], span: Span, others: Sequence[Span]
 ) -> Diagnostic:
-    """W0748: inputs held between samples by default where parameters of `der:` are learned."""
+    """W0748: inputs held between samples by default, while parameters of `der:` are learned."""
     is_held, is_learned = (
         f"{_listed(names)} {'is' if len(names) == 1 else 'are'}" for names in (inputs, parameters)
     )
@@ -74,7 +74,7 @@ def held_inputs(
 
 
 def _listed(names: Sequence[str]) -> str:
-    """`a`, `b` and two more."""
+    """Names as a text such as "`a`, `b`, `c` and 2 more"."""
     # more names would push the sentence out of its line, and each has its place below
     most = 3
     shown = ", ".join(f"`{name}`" for name in names[:most])

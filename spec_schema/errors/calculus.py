@@ -42,14 +42,14 @@ def unknown_method(function: str, found: str, known: Iterable[str], span: Span) 
 
 
 def derivative_ahead(method: str, span: Span) -> Diagnostic:
-    """E0714: a derivative that reads ahead of t, of something that is not logged."""
+    """E0714: a derivative that reads samples after t of an expression that is not recorded."""
     message = f"`method={method}` reads ahead of t, which only a log can"
     repair = "it is for `losses:` and `init:`, of signals such as `x.meas`"
     return error("E0714", span, message, "not a logged signal", help=repair)
 
 
 def memory_at_another_time(function: str, span: Span) -> Diagnostic:
-    """E0715: a window or an earlier sample of an expression that keeps memory."""
+    """E0715: a window or an earlier sample of an expression with memory."""
     message = f"`{function}` keeps memory here: only its value at t is known"
     repair = "give it a name in `equations:` with a `history:`, and take the window of that name"
     return error("E0715", span, message, "needed at another time", help=repair)
@@ -70,7 +70,7 @@ def method_takes_state(state: str, span: Span) -> Diagnostic:
 
 
 def too_large_to_solve(found: int, limit: int, span: Span) -> Diagnostic:
-    """E0718: a linear system of equations that would not stay a short program."""
+    """E0718: a system of linear equations that is too large."""
     message = (
         f"`linear_implicit` solves for all continuous states at once: at most {limit}, not {found}"
     )
@@ -95,7 +95,7 @@ def steep_within_ranges(
     reached: tuple[float, float],
     span: Span,
 ) -> Diagnostic:
-    """W0743: an operation whose slope is infinite somewhere inside the declared ranges."""
+    """W0743: an operation whose derivative is infinite inside the declared ranges."""
     # of a power the base alone is judged: its slope is infinite at 0 where the exponent is below 1
     what = {"/": "the divisor", "pow": "the base"}.get(operation, "the argument")
     where = " or ".join(f"{value:g}" for value in at)

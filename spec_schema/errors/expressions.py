@@ -11,7 +11,7 @@ from spec_schema.names import LONGEST_NAME
 def foreign_character(
     character: str, span: Span, meant: str | None, repair: str | None
 ) -> Diagnostic:
-    """E0320: a character that expressions do not have."""
+    """E0320: a character that is not allowed in expressions."""
     # what no terminal shows would leave the sentence with a hole: its code point instead
     shown = character if character.isprintable() else f"U+{ord(character):04X}"
     message = f"`{shown}` does not belong in an expression"
@@ -26,7 +26,7 @@ def caret(span: Span) -> Diagnostic:
 
 
 def unbalanced_bracket(bracket: str, span: Span, closing: bool) -> Diagnostic:
-    """E0322: a bracket without its partner."""
+    """E0322: an unmatched bracket."""
     said = "closes nothing" if closing else "is never closed"
     repair = (
         "remove it, or open one before it" if closing else f"close it with `{_CLOSING[bracket]}`"
@@ -39,7 +39,7 @@ _CLOSING = {"(": ")", "[": "]"}
 
 
 def malformed_expression(span: Span) -> Diagnostic:
-    """E0323: a text that is not an expression, without a better explanation."""
+    """E0323: a text that is not a valid expression, without a more specific code."""
     return error("E0323", span, "this is not an expression", "cannot be read from here on")
 
 
@@ -62,13 +62,13 @@ def empty_list(span: Span) -> Diagnostic:
 
 
 def too_long(length: int, longest: int, span: Span) -> Diagnostic:
-    """E0324: an expression above the cap of characters."""
+    """E0324: an expression with too many characters."""
     message = f"the expression has {length} characters, more than {longest}"
     return error("E0324", span, message, "too long", help="split it into named equations")
 
 
 def too_deep(deepest: int, span: Span) -> Diagnostic:
-    """E0325: an expression nested above the cap."""
+    """E0325: an expression with too deep nesting."""
     message = f"the expression is nested deeper than {deepest} levels"
     return error("E0325", span, message, "too deep", help="split it into named equations")
 
@@ -79,7 +79,7 @@ def text_in_expression(span: Span) -> Diagnostic:
 
 
 def stray_comparison(span: Span) -> Diagnostic:
-    """E0327: a comparison elsewhere than as the condition of `where`."""
+    """E0327: a comparison outside the condition of `where`."""
     message = "a comparison stands only as the first argument of `where`"
     return error("E0327", span, message, "not a number", help="write `where(condition, 1, 0)`")
 
@@ -246,5 +246,5 @@ def huge_number(text: str, span: Span) -> Diagnostic:
 
 
 def foreign_construct(span: Span) -> Diagnostic:
-    """E0346: Python that the whitelist does not admit."""
+    """E0346: Python syntax that is not part of the language."""
     return error("E0346", span, "this is Python, but not part of the language", "not admitted")

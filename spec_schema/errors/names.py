@@ -40,7 +40,7 @@ def declared_twice(name: str, span: Span, first: Span, kind: str) -> Diagnostic:
 
 
 def not_a_value(name: str, kind: str, span: Span) -> Diagnostic:
-    """E0303: a layer, function or dimension where a value is needed."""
+    """E0303: a layer, function or dimension used as a value."""
     called = kind in {"a layer", "a function", "a builtin"}
     message = f"`{name}` is {kind}, not a value"
     repair = f"call it: `{name}(…)`" if called else None
@@ -48,7 +48,7 @@ def not_a_value(name: str, kind: str, span: Span) -> Diagnostic:
 
 
 def not_callable(name: str, kind: str, span: Span, moves: bool = False) -> Diagnostic:
-    """E0304: a value that is called."""
+    """E0304: a value that is called like a function."""
     # `moves`: it has another value each sample, so that one of its samples may be meant
     message = f"`{name}` is {kind} and cannot be called"
     repair = "write `*` to multiply"
@@ -95,7 +95,7 @@ def no_value_of_layer(
     members: Iterable[str],
     in_loss: bool,
 ) -> Diagnostic:
-    """E0350: something of a layer that is no value there."""
+    """E0350: a member of a layer that is not a value."""
     # arrays of weights are values in losses alone: elsewhere they would tie two layers unseen
     known = [*values, *(arrays if in_loss else ())]
     message, label = f"the layer `{layer}` has no member `{member}`", "unknown member"
@@ -143,13 +143,13 @@ def no_layer_member(
 
 
 def constant_needed(what: str, span: Span) -> Diagnostic:
-    """E0309: something only known at run time where a number is needed at compile time."""
+    """E0309: a value that is only known at run time, where a constant is needed."""
     message = f"{what} must be known when the spec is compiled"
     return error("E0309", span, message, "depends on data, a state or a parameter")
 
 
 def misplaced(name: str, where: str, span: Span, repair: str | None = None) -> Diagnostic:
-    """E0310: something that is not allowed in this part of a spec."""
+    """E0310: an item that is not allowed in this part of a spec."""
     return error("E0310", span, f"`{name}` is not allowed in {where}", "not here", help=repair)
 
 
@@ -160,13 +160,13 @@ def recursive_function(name: str, span: Span) -> Diagnostic:
 
 
 def circular_constant(circle: tuple[str, ...], span: Span) -> Diagnostic:
-    """E0315: a constant whose value needs itself."""
+    """E0315: a constant that depends on itself."""
     message = f"the constant `{circle[0]}` needs its own value"
     return error("E0315", span, message, " → ".join(circle))
 
 
 def unused_entry(name: str, kind: str, span: Span) -> Diagnostic:
-    """W0301: something declared that nothing uses."""
+    """W0301: a declared name that nothing uses."""
     message = f"`{name}` is never used"
     return warning("W0301", span, message, f"{kind} that no output, state or loss needs")
 
@@ -195,13 +195,13 @@ def unusable_numbers(path: str, reason: str, span: Span) -> Diagnostic:
 
 
 def never_finite(span: Span) -> Diagnostic:
-    """W0302: a part of a formula that is infinite or NaN whatever the data."""
+    """W0302: a part of a formula that is infinite or NaN for any data."""
     message = "this is infinite or not a number, whatever the data"
     return warning("W0302", span, message, "never finite")
 
 
 def no_parameter(pattern: str, span: Span, names: Sequence[str]) -> Diagnostic:
-    """E0908: a pattern of parameter names that fits none."""
+    """E0908: a pattern that matches no parameter."""
     meant = nearest(pattern, names)
     message = f"`{pattern}` fits no learnable parameter"
     notes = (f"parameters: {', '.join(names) or 'none'}",)

@@ -1,10 +1,12 @@
-"""E0230, W0222: plug-ins."""
+"""E0230, W0222, W0956: plug-ins."""
 
 from traceback import walk_tb
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
+OTHER_VERSION = "W0956"
+"""The code of warnings about plug-ins of another version."""
 _LONGEST_REASON = 200
 """Maximum number of characters of an exception's message."""
 
@@ -20,6 +22,17 @@ def faulty_plugin(package: str, part: str, fault: str, place: Span | None = None
     message = f"{part} of the package {package} {fault}"
     repair = f"report it to the authors of {package}, or install another version of it"
     return error("E0230", place, message, help=repair)
+
+
+def other_version(what: str, package: str, then: str | None, now: str) -> Diagnostic:
+    """W0956: a plug-in that is installed in another version than the run was made with."""
+    if then is None:
+        message = f"{what} without a plug-in, and {package} {now} is installed now"
+        repair = f"remove {package} for the values of that time, or train again"
+    else:
+        message = f"{what} with {package} {then}, and {now} is installed"
+        repair = f"install {package} {then} for the values of that time, or train again with {now}"
+    return warning("W0956", None, f"{message}: results may differ", help=repair)
 
 
 def what_was_raised(raised: BaseException, module: str) -> str:

@@ -51,7 +51,7 @@ def former_key(key: str, present: str, span: Span, owner: str) -> Diagnostic:
 
 
 def seldom_unit(symbol: str, size: str, meant: str, span: Span) -> Diagnostic:
-    """W0221: a unit that nobody measures in, and that is written for another one."""
+    """W0221: an unusual unit, where probably another one is meant."""
     message = f"`{symbol}` is {size}"
     repair = f"write `{meant}` if that is meant"
     if meant == "deg":
@@ -103,7 +103,7 @@ def malformed_member(name: str, span: Span) -> Diagnostic:
 
 
 def reserved_name(name: str, span: Span, reason: str) -> Diagnostic:
-    """E0206: a name that means something already."""
+    """E0206: a name that the language reserves."""
     repair = f"choose another name, for example `{name}_`"
     return error("E0206", span, f"`{name}` cannot be declared: {reason}", "reserved", help=repair)
 
@@ -121,7 +121,7 @@ def unknown_choice(
 
 
 def one_variant(owner: str, span: Span, found: Iterable[str], choices: Iterable[str]) -> Diagnostic:
-    """E0209: none or several where exactly one variant is wanted."""
+    """E0209: no variant or several, where exactly one is required."""
     found = tuple(found)
     said = f"has {' and '.join(found)}" if found else "has none"
     message = f"{owner} takes exactly one of {', '.join(choices)}; this one {said}"
@@ -154,7 +154,7 @@ def unknown_language(text: str, span: Span) -> Diagnostic:
 
 
 def empty_section(owner: str, span: Span) -> Diagnostic:
-    """E0215: a section that must hold something."""
+    """E0215: an empty section that needs a content."""
     return error("E0215", span, f"{owner} must not be empty", "nothing in it")
 
 

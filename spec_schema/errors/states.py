@@ -7,28 +7,28 @@ from spec_schema.diagnostics.source import Span
 
 
 def state_without_law(span: Span) -> Diagnostic:
-    """E0701: a state that nothing moves."""
+    """E0701: a state without `der` or `next`."""
     message = "a state needs `der:` or `next:`"
     repair = "`der:` is the derivative of a continuous state, `next:` the value of a discrete one"
     return error("E0701", span, message, "nothing says how it moves", help=repair)
 
 
 def rows_of_no_log(loss: str, read: str, span: Span) -> Diagnostic:
-    """E0849: the factor of rows of a loss that is not known from the log alone."""
+    """E0849: a row factor of a loss that depends on more than recorded data."""
     message = f"`rows` of `{loss}` reads {read}: it says of logged rows how much they count"
     repair = "write it of logged signals: `s`, or `s.meas` for the log of a state"
     return error("E0849", span, message, "not of the log alone", help=repair)
 
 
 def rows_of_no_rows(loss: str, span: Span) -> Diagnostic:
-    """E0351: a factor of rows of a loss that is the same in every row."""
+    """E0351: a row factor of a loss that is the same in every row."""
     message = f"`rows` of `{loss}` counts nothing: learned numbers alone are the same in every row"
     repair = "leave `rows:` out; it belongs to the losses that compare with data"
     return error("E0351", span, message, "of a loss without rows", help=repair)
 
 
 def too_few_for_starts(names: Sequence[str], over: int, numbers: int, span: Span) -> Diagnostic:
-    """E0851: fewer evaluations than initial values that they are to decide."""
+    """E0851: fewer samples than initial values that are to be estimated from them."""
     listed = ", ".join(f"`{name}`" for name in names)
     few = f"{over} evaluation{'' if over == 1 else 's'}"
     message = f"{few} cannot decide the {numbers} numbers that {listed} start from"
@@ -37,14 +37,14 @@ def too_few_for_starts(names: Sequence[str], over: int, numbers: int, span: Span
 
 
 def starts_of_nothing(name: str, span: Span) -> Diagnostic:
-    """E0852: an initial value to be fitted where no loss compares anything with the log."""
+    """E0852: an estimated initial value although no loss compares with data."""
     message = f"nothing decides where `{name}` starts: no loss compares the model with the log"
     repair = "give an output `predicts:`, or a loss such as `mse(y, z)`"
     return error("E0852", span, message, "least squares of what?", help=repair)
 
 
 def algebraic_loop(names: tuple[str, ...], span: Span) -> Diagnostic:
-    """E0702: values that need each other in the same step."""
+    """E0702: values that depend on each other within the same step."""
     message = f"algebraic loop: {' → '.join(names)}"
     repair = "break it with a state or a past sample"
     return error("E0702", span, message, "needs its own value in the same step", help=repair)
@@ -56,14 +56,14 @@ def not_a_state(function: str, span: Span) -> Diagnostic:
 
 
 def simulation_in_init(name: str, span: Span) -> Diagnostic:
-    """E0704: an initial value that reads the simulation it starts."""
+    """E0704: an initial value that depends on the simulation."""
     message = f"`init` cannot read the state `{name}`: the simulation has not begun"
     repair = f"write `{name}.meas` for its logged value"
     return error("E0704", span, message, "a simulated value", help=repair)
 
 
 def no_such_prediction(key: str, name: str, span: Span) -> Diagnostic:
-    """E0705: an output or a fit of something that is not logged."""
+    """E0705: a prediction or an estimate of a value that is not recorded."""
     message = f"`{key}` names `{name}`, which is not an input, target or state"
     return error("E0705", span, message, "not logged")
 

@@ -21,7 +21,7 @@ def uses_itself(chain: Sequence[str], span: Span) -> Diagnostic:
 
 
 def too_many_submodels(limit: str, span: Span) -> Diagnostic:
-    """E0732: more sub-models, or a deeper nesting of them, than anybody means."""
+    """E0732: too many sub-models, or too deep nesting of them."""
     return error("E0732", span, f"more than {limit}", "with this one")
 
 
@@ -43,7 +43,7 @@ def not_an_input(name: str, kind: str | None, span: Span, known: Iterable[str]) 
 
 
 def fed_twice(name: str, span: Span, first: Span) -> Diagnostic:
-    """E0735: an input that two connections feed."""
+    """E0735: an input to which two connections lead."""
     message = f"`{name}` is connected twice"
     label = "connected again here"
     return error("E0735", span, message, label, secondary=((first, "connected here already"),))
@@ -72,7 +72,7 @@ def connection_unit(
 
 
 def log_of_connected(name: str, span: Span, connection: Span) -> Diagnostic:
-    """E0738: the log of an input that is connected, and so not logged."""
+    """E0738: the recorded value of a connected input, which has no recording."""
     message = f"`{name}` is connected and has no log"
     label = "not logged"
     repair = f"write `{name}` for its value"

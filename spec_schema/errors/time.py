@@ -9,7 +9,7 @@ from spec_schema.diagnostics.source import Span
 def not_a_multiple(
     duration: str, sample_time: str, nearest: Sequence[str], span: Span
 ) -> Diagnostic:
-    """E0601: a duration between two samples."""
+    """E0601: a duration that is not a whole number of samples."""
     message = f"{duration} is not a multiple of the sample time {sample_time}"
     # the multiples on both sides: which of them is meant only the user knows
     repair = f"write {' or '.join(nearest)}"
@@ -17,7 +17,7 @@ def not_a_multiple(
 
 
 def needs_sample_time(what: str, span: Span) -> Diagnostic:
-    """E0602: time in a static model."""
+    """E0602: a duration or time offset in a model without `sample_time`."""
     message = f"{what} needs a `sample_time:`"
     label = "a model without sample time has independent rows"
     return error("E0602", span, message, label, help="add for example `sample_time: 10 ms`")
@@ -37,7 +37,7 @@ def window_of_window(span: Span) -> Diagnostic:
 
 
 def unkept_past(what: str, span: Span) -> Diagnostic:
-    """E0605: a window of a formula with a part whose past is not kept."""
+    """E0605: a window of a formula that contains memory which cannot be kept."""
     message = f"the past of {what} is not kept for the window around it"
     repair = (
         "give it a name in `equations:`, with a `history:`, and take the window of that name: "
@@ -47,7 +47,7 @@ def unkept_past(what: str, span: Span) -> Diagnostic:
 
 
 def future_of(what: str, span: Span) -> Diagnostic:
-    """E0606: the future of something that is not logged."""
+    """E0606: future samples of an expression that is not recorded."""
     message = f"the future of {what} is not known"
     notes = ("only logged signals can be read ahead of t",)
     repair = "in outputs and losses `next(x)` is a state's next value, `x.meas[t+1]` its log"
@@ -60,7 +60,7 @@ def bad_length(span: Span) -> Diagnostic:
 
 
 def window_too_long(samples: str, limit: int, span: Span) -> Diagnostic:
-    """E0608: a window beyond any use, most likely a wrong unit."""
+    """E0608: a window that is too long, probably by a wrong unit."""
     message = f"the window has {samples} samples; at most {limit:,} are allowed"
     # `20 s` at a sample time of 1 ms is the mistake that is made, a number of samples hardly ever
     repair = "check the unit of the duration, or count the samples: `window: 20`, `x.past(20)`"
@@ -68,7 +68,7 @@ def window_too_long(samples: str, limit: int, span: Span) -> Diagnostic:
 
 
 def target_in_step(name: str, output: str, span: Span) -> Diagnostic:
-    """E0609: an output that needs what only the log of a training run has."""
+    """E0609: an output that needs values which only training data have."""
     message = f"`{output}` reads the log of `{name}`, which a deployed model does not have"
     repair = f"declare `{name}` under `inputs:`, or use it in `losses:` only"
     return error("E0609", span, message, "read here", help=repair)

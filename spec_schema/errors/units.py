@@ -30,14 +30,14 @@ def incomparable_unit(written: str, wanted: str, span: Span) -> Diagnostic:
 def turns_or_radians(
     written: str, wanted: str, count: str, turns: str, radians: str, span: Span
 ) -> Diagnostic:
-    """E0507: a unit that counts per time, converted to one of angle per time or from it."""
+    """E0507: a conversion between a unit that counts per time and one of angle per time."""
     message = f"{written} is no clear number of {wanted}: {count} may count revolutions or radians"
     repair = f"write `{turns}` in place of `{count}` for revolutions, or `{radians}` for radians"
     return error("E0507", span, message, f"expected {wanted}", help=repair)
 
 
 def unit_of_none(name: str, written: str, span: Span) -> Diagnostic:
-    """E0978: a number with a unit, of something that has none."""
+    """E0978: a number with a unit, for a value without a unit."""
     message = f"`{name}` has no unit in which {written} is a number"
     repair = f"give `{name}` its `unit:`, or write the number alone"
     return error("E0978", span, message, "nothing says how to convert it", help=repair)
@@ -53,7 +53,7 @@ def units_differ(
     bare: str | None,
     factor: float | None,
 ) -> Diagnostic:
-    """W0504: units that an operation cannot take together; refused under `--strict-units`."""
+    """W0504: units that do not fit an operation; an error under `--strict-units`."""
     # `bare` is a bare number with the unit that it lacks, `factor` one unit found in the other
     repair = None
     if bare is not None:
@@ -67,7 +67,7 @@ def units_differ(
 def rate_of_another_time(
     state: str, rate: str, factor: str, seconds: float, span: Span, place: Span
 ) -> Diagnostic:
-    """W0509: a state without unit whose derivative counts per another time than the second."""
+    """W0509: a state without unit whose derivative has another time unit than the second."""
     message = f"`der` is per second, the rate of `{state}` is in {rate}, and `{state}` has no unit"
     repair = (
         f"divide by a constant of `{seconds:.12g} {factor}` and declare the unit of `{state}`, or "

@@ -60,13 +60,13 @@ def merge_key(span: Span) -> Diagnostic:
 
 
 def too_many_values(most: int, span: Span) -> Diagnostic:
-    """E0108: a file that is, or by its aliases becomes, too large."""
+    """E0108: a file that is too large, also after its aliases are expanded."""
     message = f"the file expands to more than {most:,} values"
     return error("E0108", span, message, "the limit is reached here")
 
 
 def too_deep(deepest: int, span: Span) -> Diagnostic:
-    """E0109: mappings and lists nested above the cap."""
+    """E0109: too deeply nested mappings and lists."""
     return error("E0109", span, f"nested deeper than {deepest} levels", "too deep")
 
 
@@ -81,7 +81,7 @@ def empty_file(span: Span) -> Diagnostic:
 
 
 def key_is_not_text(found: str, span: Span) -> Diagnostic:
-    """E0112: a list, a mapping or nothing as a key, or one with characters nobody can see."""
+    """E0112: a key that is a list, a mapping, empty, or has invisible characters."""
     return error("E0112", span, f"a key is one line of text, this is {found}", "not a key")
 
 
@@ -92,13 +92,13 @@ def not_utf8(span: Span) -> Diagnostic:
 
 
 def control_character(code_point: int, span: Span) -> Diagnostic:
-    """E0114: a character that no editor shows."""
+    """E0114: an invisible control character."""
     message = f"the control character U+{code_point:04X} stands in the file"
     return error("E0114", span, message, "here", help="remove it", replacement="")
 
 
 def own_alias(name: str, span: Span) -> Diagnostic:
-    """E0115: an alias within what it stands for."""
+    """E0115: an alias inside the value that it refers to."""
     return error("E0115", span, f"`*{name}` stands for what contains it", "without end")
 
 
@@ -130,7 +130,7 @@ def decimal_comma(text: str, span: Span) -> Diagnostic:
 
 
 def odd_blank(code_point: int, span: Span) -> Diagnostic:
-    """E0131: a character that looks like a blank and is none, as pages of the web have them."""
+    """E0131: a character that looks like a blank but is another one, as on web pages."""
     message = f"the character U+{code_point:04X} looks like a blank and is none"
     repair = "type an ordinary blank in its place"
     return error("E0131", span, message, "here", help=repair, replacement=" ")
@@ -151,7 +151,7 @@ def key_without_value(key: str, span: Span) -> Diagnostic:
 
 
 def too_large(size: int, most: int, span: Span) -> Diagnostic:
-    """E0119: a file above the cap of characters."""
+    """E0119: a file with too many characters."""
     return error("E0119", span, f"the file has {size:,} characters, more than {most:,}")
 
 
@@ -178,7 +178,7 @@ def open_bracket(bracket: str, span: Span) -> Diagnostic:
 
 
 def misplaced_line(span: Span) -> Diagnostic:
-    """E0123: an indentation that fits nothing above."""
+    """E0123: a line whose indentation fits no line above."""
     message = "the indentation fits no line above"
     repair = "begin it in the column of the entries that it stands beside"
     return error("E0123", span, message, "starts in an unexpected column", help=repair)
@@ -209,7 +209,7 @@ def block_text(indicator: str, span: Span) -> Diagnostic:
 
 
 def reserved_start(character: str, span: Span) -> Diagnostic:
-    """E0128: a value that starts with a character that YAML keeps for itself."""
+    """E0128: a value that starts with a character reserved by YAML."""
     # the sentence quotes by backticks
     shown = "a backtick" if character == "`" else f"`{character}`"
     message = f"an unquoted value cannot start with {shown}"

@@ -16,7 +16,7 @@ COMPARE, SUM, PRODUCT, POWER, ATOM = range(5)
 
 
 def binding(expression: Expression) -> int:
-    """From COMPARE to ATOM; a part that binds less than its place needs stands in parentheses."""
+    """The precedence of a formula, from COMPARE to ATOM; it tells where parentheses are needed."""
     match expression:
         case Compare():
             return COMPARE

@@ -10,7 +10,9 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """The arguments of a function of the language, and its purpose in a line."""
+    """The numbers and keywords of arguments that a function of the language takes, and its
+    description.
+    """
 
     least: int
     most: int | None
@@ -171,9 +173,11 @@ FORMULAS = {
 
 
 def written_here(library: str, name: str, functions: Collection[str]) -> str | None:
-    """The help line for `library.name` where nothing of the spec is called `library`, or None.
+    """The help line for `library.name`, as in `np.sin`, with the function of the language; None if
+    unknown.
 
-    `functions` are those of the language.
+    `functions` are the names of the language. It is used if nothing in the spec is called
+    `library`.
     """
     here = ELSEWHERE.get(name, name)
     # `Math.PI` is how JavaScript has it
@@ -188,7 +192,7 @@ def written_here(library: str, name: str, functions: Collection[str]) -> str | N
 
 
 def formula_for(name: str) -> str | None:
-    """The help line for a name that the language does without, or None."""
+    """The help line for a function that the language lacks: a formula for it; None if unknown."""
     return FORMULAS.get(name.lower())
 
 

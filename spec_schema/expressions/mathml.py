@@ -78,7 +78,7 @@ def number_mathml(value: float) -> str:
 
 
 def indexed(base: str, index: str) -> str:
-    """A value at a sample."""
+    """MathML of a value with its sample as an index."""
     return f"<msub>{base}{_text(index)}</msub>"
 
 

@@ -44,7 +44,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Date:
-    """`2026-03-01 08:00`: a date as a position in date columns."""
+    """`2026-03-01 08:00`: a date, which selects rows of data that have a column of dates."""
 
     moment: Moment
     text: str = field(compare=False)

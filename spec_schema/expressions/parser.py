@@ -35,7 +35,10 @@ from spec_schema.yaml_tree.nodes import Positions
 
 
 class PythonPositions:
-    """Places of the nodes that `ast.parse("(" + text + "\\n)")` returns, as spans of the file."""
+    r"""Converts places of nodes of Python's syntax tree to spans of the file.
+
+    The tree is that of `ast.parse("(" + text + "\n)")`.
+    """
 
     def __init__(self, text: str, positions: Positions) -> None:
         self._text = text
@@ -58,7 +61,7 @@ class PythonPositions:
         return self._texts[span]
 
     def between(self, left: ast.expr, right: ast.expr, operator: str) -> Span:
-        """The span of the operator that stands between two operands."""
+        """The span of the operator between two operands."""
         # between the operands there are blanks, parentheses and the operator
         start = self._text.index(operator, self.end(left), self.start(right))
         return self._positions.span(start, start + len(operator))
@@ -101,10 +104,11 @@ _TIME_INDICES = {"k", "n", "i", "t"}
 
 
 def time_elsewhere(node: ast.expr) -> str | None:
-    """`t+1` for `k+1` and `1+t`, `t` for `k`; None where nothing is clear.
+    """The time in this language for an index of another one: `t+1` for `k+1` and `1+t`, `t` for
+    `k`.
 
-    A number alone stays unclear: `x[-1]` is the last of a list in Python and the sample before in
-    other tools.
+    None if it is unclear, as for a number: `x[-1]` is the last element in Python and the previous
+    sample in other tools.
     """
     match node:
         case ast.Name(id=name) if name in _TIME_INDICES:
@@ -125,7 +129,7 @@ def time_elsewhere(node: ast.expr) -> str | None:
 
 
 def index_of(node: ast.expr) -> str | None:
-    """The number that stands where a time is wanted, as an index of a list; None for others."""
+    """The number in brackets where a time is required, as in `x[3]`; None for others."""
     match node:
         # `True` is an integer to Python
         case ast.Constant(value=int(index)) if not isinstance(index, bool):
@@ -169,11 +173,10 @@ def parse_expression(
     *,
     condition: bool = False,
 ) -> Expression | None:
-    """The tree of an expression; `positions` says where its characters stand.
+    """Parses an expression to a tree; `positions` gives the place of each character in the file.
 
-    A `condition` may be a comparison.
-
-    Faults are reported to `findings`, and None returned; without `findings` they raise SpecError.
+    A `condition` may be a comparison. Errors are reported to `findings`, and None is returned;
+    without `findings` they raise SpecError.
     """
     if positions is None:
         positions = Positions(SourceText("<expression>", text), range(len(text) + 1))
@@ -405,6 +408,6 @@ _LONGEST_WINDOW = 10**9
 
 
 def _nothing(span: Span) -> Number:
-    """A placeholder for refused parts, so that the rest of the expression is checked."""
+    """A number that replaces a refused part, so that the rest of the expression is checked."""
     # a number that fits anything brings no report of its own
     return Number(0.0, span)

@@ -22,7 +22,7 @@ _LENGTH = re.compile(r"(?P<samples>[0-9]{1,9})")
 
 
 def parse_length(text: str, positions: Positions) -> Length | None:
-    """Samples or a duration; None for other texts."""
+    """A length as a number of samples or a duration such as `50 ms`; None for other texts."""
     span = positions.span(0, len(text))
     samples = _LENGTH.fullmatch(text)
     if samples is not None:
@@ -32,7 +32,7 @@ def parse_length(text: str, positions: Positions) -> Length | None:
 
 
 def duration_of(found: re.Match[str], positions: Positions, span_start: int) -> Duration | None:
-    """The duration of a match of DURATION; None when its number is too large for a float."""
+    """The duration that a match of DURATION writes; None if its number is too large for a float."""
     value = float(found["number"])
     unit = unit_symbol(found["unit"])
     assert unit is not None
@@ -96,10 +96,10 @@ _REPAIRS = {
 
 @dataclass(frozen=True)
 class ScannedExpression:
-    """Text of the same length that Python's parser can read.
+    """The text of an expression, changed so that Python's parser can read it, with the same length.
 
-    Comments and odd white space became blanks; each duration became a word of underscores, and
-    `durations` maps its offset to it.
+    Comments and unusual white space are blanks. Each duration is replaced by a word of underscores;
+    `durations` maps its offset to the duration.
     """
 
     text: str
@@ -107,7 +107,9 @@ class ScannedExpression:
 
 
 def scan_expression(text: str, positions: Positions, findings: Findings) -> ScannedExpression:
-    """Reports errors that Python's parser would explain badly or accept."""
+    """Prepares an expression for Python's parser, and reports errors that it would explain badly or
+    accept.
+    """
     return _Scanner(text, positions, findings).run()
 
 
@@ -197,7 +199,7 @@ class _Scanner:
         self.operand = (start, end) if is_operand or found.lastgroup == "close" else None
 
     def _word(self, word: str, start: int) -> bool:
-        """True if the word is an operand."""
+        """Checks a word and reports errors; True if it is an operand."""
         name, end = normalised(word), start + len(word)
         if name in _BOOLEAN_WORDS:
             self._report(errors.boolean_word(name, self._span(start, end)))

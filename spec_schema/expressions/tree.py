@@ -31,7 +31,7 @@ class Relation(Enum):
 
 @dataclass(frozen=True)
 class Number:
-    """A finite literal."""
+    """A finite number in an expression."""
 
     # places take no part in equality, here and below: one formula written twice is one value
     value: float
@@ -40,7 +40,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Samples:
-    """A length counted in samples."""
+    """A length as a number of samples."""
 
     count: int
     span: Span = field(compare=False)
@@ -55,7 +55,7 @@ class Duration:
 
     @property
     def seconds(self) -> float:
-        """The length in seconds."""
+        """The duration in seconds."""
         assert self.quantity.unit is not None
         return self.quantity.unit.in_si(self.quantity.value)
 
@@ -65,7 +65,7 @@ Length: TypeAlias = Samples | Duration
 
 @dataclass(frozen=True)
 class Name:
-    """A bare name."""
+    """A name without dots."""
 
     name: str
     span: Span = field(compare=False)
@@ -156,7 +156,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Past:
-    """`x.past(1 s)`: the samples of that length that end at t."""
+    """`x.past(1 s)`: the window of x with the latest samples, up to t, that this length covers."""
 
     operand: "Expression"
     length: Length
@@ -165,7 +165,9 @@ class Past:
 
 @dataclass(frozen=True)
 class Future:
-    """`x.future(1 s)`: the samples t+1 … of that length."""
+    """`x.future(1 s)`: the window of x with the samples after t, from t+1, that this length
+    covers.
+    """
 
     operand: "Expression"
     length: Length
@@ -209,7 +211,7 @@ _BINDING = {
 
 
 def expression_text(expression: Expression) -> str:
-    """The text; `parse_expression` of it gives an equal expression."""
+    """The text of an expression; parsing it gives an equal expression."""
     match expression:
         case Number(value=value):
             return number_text(value)
@@ -285,7 +287,7 @@ def _within(expression: Expression, least: int) -> str:
 
 
 def _subject(expression: Expression) -> str:
-    """The text a window is taken of; a dot behind a number would read as its decimal point."""
+    """The text of the expression whose window is taken, in parentheses if needed."""
     # `1.past(2)` has a number `1.`
     if isinstance(expression, Number | Duration):
         return f"({expression_text(expression)})"

@@ -39,7 +39,7 @@ _PLACE = "\0place"
 
 
 class RefusedError(ValueError):
-    """Signals pydantic that a value was refused; the diagnostic is already recorded."""
+    """Tells pydantic that a value was refused; its diagnostic is already in the findings."""
 
 
 # a place is made by the reader, never read from a file
@@ -166,24 +166,24 @@ class OneOf(Entry):
 
     @property
     def kind(self) -> str:
-        """The key of the one variant that is given."""
+        """The key of the variant that is given."""
         names = (name for name in type(self).model_fields if name != "place")
         return next(name for name in names if getattr(self, name) is not None)
 
     def chosen(self) -> Entry:
-        """The given variant."""
+        """The entry of the variant that is given."""
         variant: Entry = getattr(self, self.kind)
         return variant
 
 
 def findings_of(info: ValidationInfo) -> Findings:
-    """The findings of the current reading."""
+    """The findings of the reading in progress, from pydantic's context."""
     assert isinstance(info.context, Findings)
     return info.context
 
 
 def single_key(node: Node, key: str) -> Table:
-    """`{key: node}` at the place of the node."""
+    """A mapping `{key: node}`, with the place of the node."""
     # where a lone value has no key, its own place stands for one
     inner = replace(node, key=node.key or node.span)
     return Table({key: inner}, {key: node.key or node.span}, node.span, node.key)
@@ -197,7 +197,7 @@ Item = TypeVar("Item")
 
 
 def _read_signals(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
-    """Keys are names of signals, those of sub-models with dots."""
+    """The values of a mapping whose keys are names of signals; those of sub-models have dots."""
     # a signal of a sub-model has a dot: it is no new name
     table = read_table(node, info)
     for name in table.entries:
@@ -237,7 +237,7 @@ def _read_any_keys(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
 
 
 def read_table(node: Node, info: ValidationInfo) -> Table:
-    """The mapping that a node is; nothing written is an empty one."""
+    """The node as a mapping; an empty value is an empty mapping. Reports and raises for others."""
     if isinstance(node, Scalar) and node.is_empty:
         return Table({}, {}, node.span, node.key)
     if not isinstance(node, Table):
@@ -261,13 +261,15 @@ Keyed: TypeAlias = Annotated[Mapping[str, Item], Gathering(_read_any_keys, schem
 
 
 def late_entries(module: str, *names: str) -> list[Any]:
-    """For each class of the module a type that says which it is, and reads as it does."""
+    """For each named class of a module, a field type that imports the class only when it is
+    used.
+    """
     return [Annotated[Any, LateEntry(module, name)] for name in names]
 
 
 @dataclass(frozen=True)
 class LateObject:
-    """The object of this name, in a module that may not be imported yet."""
+    """The name of an object in a module that is imported only when the object is used."""
 
     module: str
     name: str
@@ -280,11 +282,13 @@ class LateObject:
 
 @dataclass(frozen=True)
 class LateEntry(LateObject):
-    """The class of an entry, in a module that may not be imported yet."""
+    """The name of an entry's class, in a module that is imported only when a spec has such an
+    entry.
+    """
 
     @property
     def kind(self) -> type[Entry]:
-        """The class itself."""
+        """The class of the entry; imports its module."""
         return self.value
 
     def __get_pydantic_core_schema__(
@@ -322,5 +326,7 @@ def kinds_of(annotation: Any) -> list[type[Entry]]:
 
 
 def about(kind: type[Entry]) -> str:
-    """Describes a kind of mapping in a sentence or two."""
+    """The first paragraph of the class's docstring, which describes the entry in editors
+    and pages.
+    """
     return " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split())

@@ -18,7 +18,7 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, kind
 
 @dataclass(frozen=True)
 class Prediction:
-    """`predicts: signal[t+ahead]`."""
+    """`predicts: signal[t+ahead]`: the recorded sample that an output predicts."""
 
     signal: Located[str]
     ahead: tree.Length
@@ -26,7 +26,10 @@ class Prediction:
 
 
 def read_expression(node: Node, findings: Findings, *, condition: bool = False) -> tree.Expression:
-    """An expression; a condition may compare."""
+    """The expression that a node writes; with `condition`, it may be a comparison.
+
+    Reports an error and raises RefusedError for others.
+    """
     if isinstance(node, Listing | Table):
         findings.report(errors.list_for_expression(node.span))
         raise RefusedError
@@ -50,7 +53,7 @@ def _read_condition(node: Node, findings: Findings) -> tree.Expression:
 
 
 def read_array(node: Node, findings: Findings) -> tree.Expression:
-    """Numbers: a list, lists of lists, an expression or `{linspace: …}`."""
+    """The expression of an array: a number, nested lists, an expression or `{linspace: …}`."""
     match node:
         case Scalar():
             return read_expression(node, findings)

@@ -27,7 +27,9 @@ class Located(Generic[Value]):
 
 @dataclass(frozen=True)
 class Choice(Located[Value]):
-    """A word of a fixed set such as `saturate`: it is no name, whatever is called so."""
+    """A word of a fixed set such as `saturate`; it is never taken for a name that the spec
+    declares.
+    """
 
 
 @dataclass(frozen=True)
@@ -39,12 +41,14 @@ class KeyAndValueSpan:
 
 
 class Spelled(ABC):
-    """A value that says itself how it is written in a spec."""
+    """A value that defines by itself how it is written in a spec."""
 
     @property
     @abstractmethod
     def spelling(self) -> object:
-        """A value of a spec, such as a tuple or `Located`, which reads as an equal one."""
+        """The plain value, such as a tuple or a text, that a spec would contain and that reads as
+        an equal one.
+        """
 
 
 JsonSchema: TypeAlias = Mapping[str, Any]
@@ -59,7 +63,9 @@ MEMBER = rf"^{_NAME}(\.{_NAME})+$"
 
 @dataclass(frozen=True)
 class LeafField:
-    """Reads one value; `schema` describes it as it is written."""
+    """A pydantic annotation that reads one value from a node; `schema` is the JSON Schema of its
+    text.
+    """
 
     read: Callable[[Any, ValidationInfo], Any]
     schema: JsonSchema = field(default_factory=dict[str, Any], compare=False)
@@ -84,9 +90,9 @@ class Gathering(BeforeValidator):
 
 
 def one_or_many(item: JsonSchema) -> JsonSchema:
-    """A single item counts as a list of one; what is said of the item holds for both.
+    """The schema of a list whose single item may be written without brackets.
 
-    Words to choose from become a pattern: `enum` would speak of the list too.
+    Words to choose from become a pattern, because `enum` would also apply to the list.
     """
     types = item.get("type", [])
     alone = [types] if isinstance(types, str) else list(types)
@@ -98,34 +104,34 @@ def one_or_many(item: JsonSchema) -> JsonSchema:
 
 
 def list_of(item: JsonSchema) -> JsonSchema:
-    """A list."""
+    """The schema of a list with such items."""
     return {"type": "array", "items": item}
 
 
 def declarations(item: JsonSchema) -> JsonSchema:
-    """A mapping whose keys are new names."""
+    """The schema of a mapping whose keys are new names, with such values."""
     # `x-` keys of other tools are admitted by the schema around, not here
     names = {"pattern": NEW_NAME}
     return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
 
 
 def signals(item: JsonSchema) -> JsonSchema:
-    """A mapping whose keys are names of signals, those of sub-models with dots."""
+    """The schema of a mapping whose keys are names of signals, with such values."""
     names = {"pattern": REFERENCE}
     return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
 
 
 def some_signals(item: JsonSchema) -> JsonSchema:
-    """The same with one key at least."""
+    """The schema of a mapping like `signals`, with at least one key."""
     return {**signals(item), "type": "object", "minProperties": 1}
 
 
 def members(item: JsonSchema) -> JsonSchema:
-    """A mapping whose keys are members of sub-models."""
+    """The schema of a mapping whose keys are members of sub-models, with such values."""
     names = {"pattern": MEMBER}
     return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
 
 
 def any_keys(item: JsonSchema) -> JsonSchema:
-    """A mapping whose keys are names or patterns of names."""
+    """The schema of a mapping whose keys are names or patterns of names, with such values."""
     return {"type": ["object", "null"], "additionalProperties": item}

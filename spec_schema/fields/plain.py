@@ -45,7 +45,9 @@ def no_number(wanted: str, found: Scalar) -> Diagnostic:
 
 
 def _meant(text: str, *, is_integer: bool) -> str | None:
-    """`1000` for `1_000`, `1000;`, of integers `1e3`; `0.01` for `1 %`, `0,01`; a comment apart."""
+    """The number that a text probably means: `1000` for `1_000`, `1000;` or `1e3`, `0.01` for `1 %`
+    or `0,01`.
+    """
     number, mark, comment = text.partition("#")
     if mark and _number(number) is not None:
         return f"{number} #{comment}"
@@ -79,7 +81,9 @@ LARGEST_COUNT = 2**31 - 1
 
 
 def reads(reader: Callable[[Node, Findings], Any], schema: JsonSchema) -> LeafField:
-    """A pydantic validator out of a function from a node to a value, and what editors are told."""
+    """A pydantic annotation from a function that reads a node; `schema` is the JSON Schema for
+    editors.
+    """
 
     def validate(node: Node, info: ValidationInfo) -> Any:
         return reader(node, findings_of(info))
@@ -88,7 +92,10 @@ def reads(reader: Callable[[Node, Findings], Any], schema: JsonSchema) -> LeafFi
 
 
 def scalar(node: Node, findings: Findings, wanted: str) -> Scalar:
-    """The node when it is a scalar with something in it; otherwise it is refused."""
+    """The node, if it is a non-empty scalar; reports an error and raises RefusedError for others.
+
+    `wanted` are the words of the message for what is expected.
+    """
     if isinstance(node, Scalar) and not node.is_empty:
         return node
     if isinstance(node, Scalar):
@@ -155,7 +162,7 @@ def _read_switch_or_reference(node: Node, findings: Findings) -> bool | Located[
 
 
 def read_number(node: Node, findings: Findings) -> float:
-    """A finite number."""
+    """The finite number that a node writes; reports an error and raises RefusedError for others."""
     found = scalar(node, findings, "a number")
     value = found.value
     # `True` is an integer to Python, and a switch to YAML
@@ -249,7 +256,7 @@ def count(least: int, most: int = LARGEST_COUNT) -> LeafField:
 
 
 def choice(*now: str, elsewhere: Mapping[str, str] | None = None) -> LeafField:
-    """Validates one of the words; `elsewhere` has what others call them, for the message."""
+    """A pydantic annotation for one of the words; `elsewhere` maps words of other tools to them."""
 
     def read(node: Node, findings: Findings) -> str:
         found = scalar(node, findings, f"one of {', '.join(now)}")
@@ -263,7 +270,7 @@ def choice(*now: str, elsewhere: Mapping[str, str] | None = None) -> LeafField:
 
 
 def located_choice(*now: str) -> LeafField:
-    """Validates one of the words and remembers where it stands."""
+    """A pydantic annotation for one of the words, with its place in the file."""
     chosen = choice(*now)
 
     def validate(node: Node, info: ValidationInfo) -> Choice[str]:
@@ -273,7 +280,7 @@ def located_choice(*now: str) -> LeafField:
 
 
 def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
-    """The nodes of a list; a single value is a list of one."""
+    """The nodes of a list; a single value counts as a list of one."""
     # a single value stands for a list of one, as people write it
     if isinstance(node, Listing):
         return tuple(with_key(item, item.span) for item in node.items)
@@ -298,7 +305,7 @@ def read_different_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
 
 
 def read_entries(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
-    """The nodes of a list of mappings."""
+    """The nodes of a list of mappings; reports others."""
     if isinstance(node, Listing):
         return tuple(with_key(item, _key_of(item)) for item in node.items)
     repair = "start each entry with `- `"

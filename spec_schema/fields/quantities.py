@@ -27,7 +27,7 @@ _UNIT_START = re.compile(r"[A-Za-zͰ-ϿΩ%°µ]|1/")
 
 
 def read_unit(node: Node, findings: Findings) -> Located[Unit]:
-    """A unit and its place."""
+    """The unit that a node writes, with its place; reports an error for others."""
     wanted = "a unit such as `m/s`"
     match node:
         # `[kg]`, as units stand in papers and headers
@@ -51,7 +51,7 @@ def read_unit(node: Node, findings: Findings) -> Located[Unit]:
 
 
 def split_quantity(node: Scalar) -> tuple[Scalar, Scalar] | None:
-    """The number and the unit of a text such as `5 N/m`; None when it is something else."""
+    """The number and the unit of a text such as `5 N/m`; None for other texts."""
     found = _QUANTITY.fullmatch(node.text)
     # `5 e` and `3 x` are no quantities: a unit begins like a unit
     if found is None or not found["unit"] or _UNIT_START.match(found["unit"]) is None:
@@ -64,7 +64,9 @@ SMALLEST_DEVIATION, LARGEST_DEVIATION = 1e-100, 1e100
 
 
 def has_variance(deviation: Quantity, findings: Findings) -> bool:
-    """Reports a standard deviation above 0 whose square is 0 or infinite."""
+    """True if the square of a standard deviation above 0 is a positive finite float; else reports
+    an error.
+    """
     if SMALLEST_DEVIATION <= deviation.value <= LARGEST_DEVIATION:
         return True
     wanted = f"from {SMALLEST_DEVIATION:g} to {LARGEST_DEVIATION:g}: its square is used"
@@ -73,7 +75,9 @@ def has_variance(deviation: Quantity, findings: Findings) -> bool:
 
 
 def read_quantity(node: Node, findings: Findings) -> Quantity:
-    """A finite number, with or without a unit."""
+    """The finite number that a node writes, with its unit or without; reports an error for
+    others.
+    """
     found = scalar(node, findings, "a quantity such as `2 mm`")
     if isinstance(found.value, float) and not math.isfinite(found.value):
         findings.report(errors.out_of_range(found.text, found.span, "finite", _repair(found.text)))
@@ -99,7 +103,7 @@ def _repair(text: str) -> str | None:
 
 
 def read_length(node: Node, findings: Findings) -> Length:
-    """A number of samples or a duration."""
+    """The number of samples or the duration that a node writes; reports an error for others."""
     found = scalar(node, findings, "a length such as `50 ms`")
     length = parse_length(found.text, found.positions)
     if length is None:
@@ -109,7 +113,7 @@ def read_length(node: Node, findings: Findings) -> Length:
 
 
 def read_positive_length(node: Node, findings: Findings) -> Length:
-    """A length above 0."""
+    """The length above 0 that a node writes; reports an error for others."""
     length = read_length(node, findings)
     match length:
         case Samples(count=amount) | Duration(quantity=Quantity(value=amount)) if amount > 0:
@@ -197,7 +201,7 @@ RowOrTime: TypeAlias = Length | Date
 
 
 def read_row_or_time(node: Node, findings: Findings) -> RowOrTime:
-    """A number of samples, a duration, or a date of ISO 8601."""
+    """The row, time or ISO 8601 date that a node writes; reports an error for others."""
     found = scalar(node, findings, "a row, a time such as `50 ms` or a date")
     # a number alone is a length before it is a year
     length = parse_length(found.text, found.positions)

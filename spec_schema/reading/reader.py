@@ -40,12 +40,11 @@ _OF_SYSTEM = {("/", "proc"), ("/", "sys")}
 
 
 def refuse_endless(path: Path, *, of_shell: bool = False) -> None:
-    """Raises OSError for what is no file on a disk, and where there is nothing at all.
+    """Raises OSError for a path that is no file on a disk, or that does not exist.
 
-    These are a pipe, a socket, a device, and what the system shows of itself in `/proc` and `/sys`.
-
-    `of_shell` lets the pipes in /dev pass: they are those of `<(…)` and `/dev/stdin`, and the shell
-    has somebody write into them.
+    These are a pipe, a socket, a device, and files of `/proc` and `/sys`: reading them may never
+    end. `of_shell` accepts the pipes in /dev, those of `<(…)` and `/dev/stdin`, into which the
+    shell writes.
     """
     kind = stat.S_IFMT(path.stat().st_mode)
     if kind not in _ENDLESS:
@@ -59,9 +58,10 @@ def refuse_endless(path: Path, *, of_shell: bool = False) -> None:
 
 
 def is_near(path: str, spec: str) -> bool:
-    """Whether a file that a spec names lies below the spec's folder or the working folder.
+    """True if a file that a spec names is below the folder of the spec or the working folder.
 
-    Of others, messages quote nothing: a spec of somebody else might name a file with a password.
+    Messages quote lines of such files only: the spec of another person might name a file with a
+    password.
     """
     real = Path(path).resolve()
     # the root of a disk is nobody's folder
@@ -74,7 +74,10 @@ def _homes(spec: str) -> tuple[Path, Path]:
 
 @dataclass(frozen=True)
 class ReadResult:
-    """A spec, or another file that an entry of its `use:` names, such as a robot description."""
+    """A spec with its text, warnings and sub-models, as read.
+
+    It is also used for other files that `use:` names, such as a robot description.
+    """
 
     spec: Spec
     """The spec; for another file, its dims and the parameters that it learns."""
@@ -88,7 +91,7 @@ class ReadResult:
 
     @property
     def sources(self) -> tuple[SourceText, ...]:
-        """Its text and those of its sub-models, each file once."""
+        """The text of the spec and those of its sub-models, each file once."""
         found = {self.source.path: self.source}
         for used in self.used.values():
             found.update((source.path, source) for source in used.sources)
@@ -96,7 +99,7 @@ class ReadResult:
 
 
 def all_specs(used: Mapping[str, ReadResult]) -> Iterator[Spec]:
-    """The specs of sub-models, and of theirs."""
+    """Yields the specs of sub-models, and those that they use."""
     for read in used.values():
         yield read.spec
         yield from all_specs(read.used)
@@ -105,10 +108,10 @@ def all_specs(used: Mapping[str, ReadResult]) -> Iterator[Spec]:
 def read_one_spec(
     path: str | Path, text: str | None = None, settings: Sequence[str] = ()
 ) -> ReadResult:
-    """The spec in a file, or in `text` as if it stood in that file, without its sub-models.
+    """Reads a spec from a file, or from `text` as the content of that file, without its sub-models.
 
-    Raises SpecError with all diagnostics of the first stage that fails: the file, its YAML, its
-    schema together with its expressions.
+    `settings` such as `train.0.epochs=5` override values. Raises SpecError with all diagnostics of
+    the first stage that fails: the file, its YAML, its schema together with its expressions.
     """
     findings = Findings()
     source = read_file(Path(path)) if text is None else SourceText(str(path), text)
@@ -161,7 +164,7 @@ def has_foreign_keys(root: Node, settings: Sequence[str] = ()) -> bool:
 
 
 def _keys(node: Node | None) -> Sequence[str]:
-    """The keys of a mapping; a lone word means the mapping with that key."""
+    """The keys of a mapping; a single word counts as a mapping with that key."""
     if isinstance(node, Table):
         return tuple(node.entries)
     return (node.text,) if isinstance(node, Scalar) and isinstance(node.value, str) else ()
@@ -172,7 +175,7 @@ def _is_foreign(key: str, known: Sequence[str]) -> bool:
 
 
 def read_file(path: Path) -> SourceText:
-    """The text of a file as it stands there; SpecError where it is not given or is not UTF-8."""
+    """The text of a file without any change; SpecError if it cannot be read or is not UTF-8."""
     try:
         refuse_endless(path, of_shell=True)
         content = path.read_bytes()
@@ -199,11 +202,11 @@ def read_used(
     texts: Mapping[str, str] | None = None,
     unsaved: Mapping[str, str] | None = None,
 ) -> Mapping[str, ReadResult]:
-    """The specs that a spec uses, by the names that it gives them, with those that they use.
+    """Reads the sub-models of a spec, and theirs, by the names under which the spec uses them.
 
-    `texts` are the contents of files by their paths; without it they are read, but for those that
-    `unsaved` has by their real paths. Raises SpecError with everything that is wrong with any of
-    them; beside it stands where the file is used.
+    `texts` are contents of all files by path; without it, files are read. `unsaved` are texts that
+    replace files by real path, as an editor has them. Raises SpecError with all errors in them;
+    each also shows where the file is used.
     """
     path = result.source.path
     return _Reading(path, texts, unsaved or {}).used(result, (path,))
@@ -211,7 +214,7 @@ def read_used(
 
 @dataclass()
 class _Reading:
-    """Files that are read already, by where they really are, and how many sub-models each is."""
+    """Reads sub-models once per file, and counts them."""
 
     root: str
     """The path of the spec that is read for itself."""
@@ -223,7 +226,9 @@ class _Reading:
     """Files whose mistakes are reported: used again, they are not said again."""
 
     def used(self, result: ReadResult, chain: tuple[str, ...]) -> Mapping[str, ReadResult]:
-        """The specs that one uses; `chain` are the files that lead to it, itself the last."""
+        """Reads the sub-models of one spec; `chain` are the files that lead to it, itself
+        the last.
+        """
         found: dict[str, ReadResult] = {}
         faults: list[Diagnostic] = []
         failed = False
@@ -287,7 +292,9 @@ class _Reading:
     def _part(
         self, name: str, use: Use, kind: tuple[PartLine, Entry], path: str, around: Spec
     ) -> ReadResult:
-        """Reads a part that is no spec, once for each use, as settings belong to the use."""
+        """Reads a part that is no spec, such as a robot; once per use, because settings belong to
+        the use.
+        """
         line, entry = kind
         part = part_kind(line)
         text = None if self.texts is None else self.texts.get(path)
@@ -307,7 +314,10 @@ class _Reading:
 
 
 def _why_unreadable(path: str, largest: int = LARGEST_FILE) -> str | None:
-    """A spec names its parts, so it must not be able to name a device or what has no end."""
+    """The reason why a file that a spec names must not be read; None if it may.
+
+    A spec must not be able to name a device, a pipe or a huge file.
+    """
     file = Path(path)
     try:
         if not file.exists():
@@ -321,12 +331,12 @@ def _why_unreadable(path: str, largest: int = LARGEST_FILE) -> str | None:
 
 
 def _is_of(diagnostic: Diagnostic, path: str) -> bool:
-    """Whether it is about what is in a file, and not about whether it can be read."""
+    """True if a diagnostic points into this file, so that the file could be read."""
     return diagnostic.span is not None and diagnostic.span.file == path
 
 
 def _unquoted(use: Use, path: str) -> Diagnostic:
-    """What is said of a file with mistakes of which no line may be shown."""
+    """The diagnostic for a file with errors of which no line may be shown (see `is_near`)."""
     reason = "it has mistakes, and messages quote no file outside of the spec's folder"
     if use.part is not None:
         return part_kind(use.part[0]).unreadable(path, reason, use.file.span)
@@ -335,7 +345,7 @@ def _unquoted(use: Use, path: str) -> Diagnostic:
 
 
 def _seen_from_use(diagnostic: Diagnostic, use: Use, label: str) -> Diagnostic:
-    """A mistake in another file with the place where that is used; one in this file as it is."""
+    """The diagnostic, if it is about another file with the place where that file is used."""
     if diagnostic.span is not None and diagnostic.span.file == use.file.span.file:
         return diagnostic
     return diagnostic.seen_from(use.file.span, label)
@@ -353,13 +363,12 @@ def read_spec(
     texts: Mapping[str, str] | None = None,
     unsaved: Mapping[str, str] | None = None,
 ) -> ReadResult:
-    """The spec in a `.yaml` or `.json` file, or in `text` as if it stood in that file.
+    """Reads a spec from a `.yaml` or `.json` file, or from `text` as the content of that file.
 
-    `settings` such as `train.0.epochs=5` replace values. The files of
-    sub-models are read too; with `texts`, these are their contents by path. `unsaved` are texts
-    that an editor has in place of files, by their real paths.
-    Raises SpecError with all diagnostics of the first stage that fails: the file, its YAML, its
-    schema together with its expressions, its sub-models.
+    `settings` such as `train.0.epochs=5` override values. The files of sub-models are read too;
+    with `texts`, these are their contents by path. `unsaved` are texts that replace files by real
+    path, as an editor has them. Raises SpecError with all diagnostics of the first stage that
+    fails: the file, its YAML, its schema together with its expressions, its sub-models.
     """
     result = read_one_spec(path, text, settings)
     used = read_used(result, texts, unsaved)

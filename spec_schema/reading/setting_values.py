@@ -1,4 +1,4 @@
-"""Writes values of settings in one form, whoever gave them: the command line or Python."""
+"""Writes values of settings in one canonical form, given on the command line or in Python."""
 
 from __future__ import annotations
 
@@ -23,28 +23,30 @@ Settings: TypeAlias = "Mapping[str, object] | Sequence[str]"
 
 
 def spec_text(spec: Mapping[str, object]) -> str:
-    """A spec that is a mapping as YAML, so that diagnostics have lines to show.
+    """The YAML text of a spec that is given as a mapping, so that diagnostics have lines to show.
 
-    TypeError for what YAML has no word for: an object, a number that is not finite.
+    TypeError for values that YAML cannot express: other objects, and numbers that are not finite.
     """
     # wide lines: a formula that is broken would be another place in messages
     return yaml.safe_dump(_plain(spec), sort_keys=False, allow_unicode=True, width=100)
 
 
 def setting_texts(settings: Settings) -> tuple[str, ...]:
-    """Each setting as `path=value`, a line of YAML."""
+    """The settings as texts `path=value`, from a mapping or from such texts."""
     if not isinstance(settings, Mapping):
         return tuple(settings)
     return tuple(f"{path}={value_text(value)}" for path, value in settings.items())
 
 
 def value_text(value: object) -> str:
-    """One value on one line, as YAML and JSON both write it."""
+    """A value as one line of JSON, which is also YAML."""
     return json.dumps(_plain(value), ensure_ascii=False, allow_nan=False)
 
 
 def _plain(value: object) -> Any:
-    """Mappings, lists, texts and numbers; arrays and numbers of numpy become these."""
+    """The value made of mappings, lists, texts and numbers; arrays and numbers of numpy are
+    converted.
+    """
     # a string of numpy is a subclass of str that YAML does not know
     if isinstance(value, str):
         return str(value)
@@ -71,9 +73,10 @@ _WHOLE = 1e15
 # each training of a sweep asks it of the settings of its variant
 @lru_cache(256)
 def one_form(setting: str) -> str:
-    """A setting so that alike ones are alike in text: `train.0.lr=0.001` for `train.0.lr=1e-3`.
+    """A setting in canonical form, so that equal settings have equal texts.
 
-    Words that read back as themselves stand without quotes; what is no setting stays as it is.
+    Example: `train.0.lr=0.001` for `train.0.lr=1e-3`. Texts are quoted only where necessary. A text
+    that is no setting is returned unchanged.
     """
     path, equals, text = setting.partition("=")
     value = _value(text) if equals else None
@@ -83,7 +86,7 @@ def one_form(setting: str) -> str:
 
 
 def one_path(path: str) -> str:
-    """A path so that alike ones are alike in text: YAML reads it with quotes and without."""
+    """The path of a setting in canonical form: without quotes that YAML does not need."""
     found = _key(path)
     return found if found is not None and _key(found) == found else path.strip()
 
@@ -95,7 +98,9 @@ def shown_value(text: str) -> str:
 
 
 def plain_value(node: Node | None) -> object:
-    """Mappings, lists, texts and numbers without their places."""
+    """The value of a node as mappings, lists, texts and numbers, without their places in
+    the file.
+    """
     match node:
         case Listing(items=items):
             return [plain_value(item) for item in items]
@@ -108,7 +113,7 @@ def plain_value(node: Node | None) -> object:
 
 
 def _value(text: str) -> Node | None:
-    """The value of a line of YAML; None where it is none."""
+    """The node of a value in one line of YAML; None if it is not valid."""
     findings = Findings()
     # as the value of a key: that is where settings stand
     tree = None if "\n" in text else read_tree(SourceText(_FILE, f"value: {text}"), findings)
@@ -117,13 +122,13 @@ def _value(text: str) -> Node | None:
 
 
 def _key(path: str) -> str | None:
-    """The key of a line of YAML; None where it is none."""
+    """The key of one line of YAML; None if it is not valid."""
     tree = None if "\n" in path else read_tree(SourceText(_FILE, f"{path}: 0"), Findings())
     return next(iter(tree.entries)) if isinstance(tree, Table) and len(tree.entries) == 1 else None
 
 
 def _with_one_form(plain: object) -> object:
-    """Quantities with their number in one form, at any depth: `1 kg` for `1.0 kg`."""
+    """The value, in which quantities have canonical numbers, at any depth: `1 kg` for `1.0 kg`."""
     match plain:
         case str():
             return _one_quantity(plain)
@@ -159,7 +164,7 @@ def _written(plain: object) -> str:
 
 
 def _json(plain: object) -> str:
-    """As JSON has it, with YAML's words for numbers that JSON has none for, at any depth."""
+    """The value as JSON text; NaN and infinity are written as in YAML."""
     match plain:
         case float() if not math.isfinite(plain):
             return ".nan" if math.isnan(plain) else f"{'-' if plain < 0 else ''}.inf"

@@ -1,4 +1,6 @@
-"""Settings such as `train.0.epochs=5` of the command line, put into the tree before its check."""
+"""Applies settings such as `train.0.epochs=5` to the tree of a spec before its schema is
+checked.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -20,13 +22,13 @@ Kind = Any
 
 
 def entry_of(kind: Kind) -> type[Entry] | None:
-    """The entry that a value of this type is; None for leaves, lists and mappings of names."""
+    """The class of an entry of the spec, if a value of this type is one; None for other values."""
     arms = (arm for arm in _arms(kind) if isinstance(arm, type) and issubclass(arm, Entry))
     return next(arms, None)
 
 
 def inside(kind: Kind, step: str) -> Kind:
-    """The type of what a key, a name or the number of an item leads to; None where nobody knows."""
+    """The type of the value below a key, a name or the index of an item; None if it is unknown."""
     for arm in _arms(kind):
         if isinstance(arm, type) and issubclass(arm, Entry):
             for name, field in arm.model_fields.items():
@@ -44,7 +46,7 @@ def inside(kind: Kind, step: str) -> Kind:
 
 
 def named_sections(spec: type[Entry]) -> tuple[str, ...]:
-    """The sections whose keys are names that the spec declares or connects."""
+    """The sections of the spec whose keys are names that the user chooses, such as `parameters`."""
     return tuple(
         field.alias or name
         for name, field in spec.model_fields.items()
@@ -55,7 +57,7 @@ def named_sections(spec: type[Entry]) -> tuple[str, ...]:
 
 
 def _arms(kind: Kind) -> Iterator[Any]:
-    """A type without what annotates it; of a union each."""
+    """The members of a union type, without annotations; the type itself if it is no union."""
     if get_origin(kind) is Annotated:
         inner, *notes = get_args(kind)
         late = [note.kind for note in notes if isinstance(note, LateEntry)]
@@ -68,7 +70,11 @@ def _arms(kind: Kind) -> Iterator[Any]:
 
 
 def workflow() -> tuple[str, ...]:
-    """The sections that say what to do with the model; all others are the model."""
+    """The names of the workflow sections: `data`, `train`, `validate`, `export` and some of
+    features.
+
+    All other sections define the model.
+    """
     of_features = (line.key for line in SECTIONS if not line.is_model)
     return ("data", "train", "validate", "export", *of_features)
 
@@ -78,20 +84,20 @@ FILE = "--set"
 
 
 def settings_source(settings: Sequence[str]) -> SourceText:
-    """The settings as a text, one a line, so that diagnostics can point into it."""
+    """The settings as the lines of one text, so that diagnostics can point into it."""
     return SourceText(FILE, "\n".join(_as_yaml(setting).replace("\n", " ") for setting in settings))
 
 
 def model_settings(settings: Sequence[str]) -> tuple[str, ...]:
-    """The settings that replace values of the model, not of what is done with it."""
+    """The settings that override values of the model, without those of workflow sections."""
     return tuple(s for s in settings if s.partition("=")[0].strip().split(".")[0] not in workflow())
 
 
 def apply_settings(root: Node, settings: Sequence[str], findings: Findings) -> Node:
-    """The tree with each setting's value at its path: keys, and numbers of list items from 0.
+    """Sets each setting's value in the tree, at a path of keys and of list items counted from 0.
 
-    What is wrong with a setting goes to `findings`. A key that is not there is added; whether it
-    may be there is the schema's business. Names of the model are neither added nor removed.
+    Errors go to `findings`. A missing key is added; the schema decides later if it is allowed.
+    Names that the model declares are neither added nor removed.
     """
     text = ""
     for setting in settings:
@@ -139,7 +145,9 @@ def _refuse_names(
 def _with(
     node: Node, steps: Sequence[str], value: Node, place: Span, findings: Findings, kind: Kind
 ) -> Node:
-    """The node with `value` at the end of the path; unchanged after a report."""
+    """The node in which the value at the path `steps` is `value`; unchanged after reporting an
+    error.
+    """
     if not steps:
         return with_key(value, node.key or place)
     step = steps[0]
@@ -168,7 +176,7 @@ def _with(
 
 
 def _written_out(node: Scalar, kind: Kind, place: Span, findings: Findings) -> Table:
-    """The mapping that a shorthand such as `rollout: 2 s` stands for."""
+    """The mapping that a shorthand means: `{horizon: 2 s}` for `rollout: 2 s`."""
     entry = entry_of(kind)
     if entry is not None and not node.is_empty:
         try:

@@ -191,7 +191,7 @@ def _comes_before(start: Date, stop: Date) -> bool:
 
 
 def _are_apart(one: TimeRange | DateRange, other: TimeRange | DateRange) -> bool:
-    """Whether no moment is in both; a time and a date may be the same, and so may two clocks."""
+    """True if two ranges have no moment in common; False if one is a time and the other a date."""
     match one, other:
         case TimeRange(), TimeRange():
             return one.stop <= other.start or other.stop <= one.start
@@ -248,7 +248,7 @@ class Split(Entry):
 
     @property
     def shares(self) -> tuple[OneShare, ...]:
-        """The shares that are given."""
+        """The given shares of train, val and test."""
         return tuple(share for share in (self.train, self.val, self.test) if share is not None)
 
     @model_validator(mode="after")
@@ -450,7 +450,7 @@ class Data(Layout):
 
     @property
     def sets(self) -> tuple[str, ...]:
-        """The sets that it makes: its sources, and those of a split."""
+        """The names of all sets: those of `source`, and those that a split makes."""
         # a dict drops what is named twice: a source may be called `test` while a split makes one
         # too
         split = SETS if self.split is not None else ()

@@ -154,19 +154,19 @@ class Export(Entry):
     # fields of targets that features bring, such as `mpc`, follow from the registry
 
     def entry(self, kind: type[OwnEntry]) -> OwnEntry | None:
-        """The entry of one target, None where it is not asked for."""
+        """The entry of one target by its class; None if the spec has none."""
         return next((entry for entry in self._entries if isinstance(entry, kind)), None)
 
     @property
     def asked(self) -> frozenset[str]:
-        """The names of the targets that are asked for."""
+        """The names of the targets that the section lists."""
         return frozenset(
             name for name in self.known_keys() if getattr(self, name, None) is not None
         )
 
     @property
     def named_outputs(self) -> frozenset[str]:
-        """All that the `outputs:` of any target name."""
+        """All names in `outputs:` of any target."""
         wanted = (entry.outputs or () for entry in self._entries)
         return frozenset(name.value for names in wanted for name in names)
 

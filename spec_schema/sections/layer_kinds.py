@@ -81,7 +81,9 @@ class Linear(Entry):
 
 
 def _refuse_two_starts(entry: Fir | Linear, info: ValidationInfo) -> None:
-    """A named parameter brings its own initial values."""
+    """Reports `init` together with a named parameter as `weight`, which has initial values of its
+    own.
+    """
     if entry.weight is not None and entry.init is not None:
         report = errors.excluded_key("init", "weight", entry.place.key, entry.noun)
         findings_of(info).report(report)

@@ -46,7 +46,7 @@ _Rate = Annotated[float | FromSearch, reads(_read_rate, _RATE)]
 
 
 class OptimizerOptions(Entry):
-    """The settings of an optimiser, and what holds of it whatever the model."""
+    """The settings of an optimiser, and properties that hold for every model."""
 
     # facts of the class, not fields: a user cannot set them, and the schema for editors leaves them
     # out
@@ -196,7 +196,7 @@ class Optimizer(OneOf):
 
     @property
     def choice(self) -> OptimizerChoice:
-        """The one that is given."""
+        """The settings of the chosen optimiser."""
         first_order = self.adam or self.adamw or self.sgd or self.torch
         given = first_order or self.lbfgs or self.levenberg_marquardt
         assert given is not None

@@ -1,4 +1,4 @@
-"""Finds what the expressions of an entry refer to, wherever in the entry they stand."""
+"""Finds the names and calls that the expressions of an entry contain, anywhere in the entry."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ def names_in(value: Any) -> Iterator[str]:
 
 
 def _parts(value: Any) -> Iterator[Reference | Call]:
-    """References and calls; fields are walked by reflection, so that none is forgotten later."""
+    """Yields names and calls; it walks all fields of an entry, so that no new field is
+    forgotten.
+    """
     match value:
         case None | str() | int() | float() | Span() | Located():  # most of what there is
             return

@@ -79,7 +79,9 @@ class FittedStart(Entry):
 
     @property
     def words(self) -> str:
-        """For papers, in place of a formula: no run begins where the search for its start does."""
+        """A text for papers instead of a formula, which would show the initial guess as the
+        value.
+        """
         if self.over == "record":
             return "fitted to each run"
         unit = " samples" if isinstance(self.over, Samples) else ""
@@ -104,7 +106,7 @@ class InitialState(OneOf):
 
     @property
     def expression(self) -> Expression | None:
-        """The value, or where the search for it begins."""
+        """The expression of the initial value; for an estimated one, that of the initial guess."""
         return self.value if self.fit is None else self.fit.begin
 
 
@@ -121,7 +123,7 @@ class Input(Signal):
 
     @property
     def is_linear(self) -> bool:
-        """Whether it goes on a straight line from sample to sample."""
+        """True if the input is interpolated linearly between samples."""
         return self.between is not None and self.between.value == "linear"
 
 
@@ -154,13 +156,13 @@ class State(Entry):
 
     @property
     def start(self) -> Expression | None:
-        """The value before the first step by `init`; None where it says nothing."""
+        """The expression of the value before the first step; None without `init`."""
         # None is 0 for the compiler, and nothing to check for who looks for reads of the log
         return None if self.init is None else self.init.expression
 
     @property
     def range_policy(self) -> RangePolicy:
-        """The policy of `on_range`; `flag` where it says nothing."""
+        """The reaction to values outside `range`: that of `on_range`, by default `flag`."""
         return "flag" if self.on_range is None else self.on_range.value
 
     @model_validator(mode="after")

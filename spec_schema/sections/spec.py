@@ -80,7 +80,7 @@ class Integrator(OneOf):
 
     @property
     def choice(self) -> Method:
-        """The one that is given."""
+        """The settings of the chosen integrator."""
         given = (
             self.euler or self.semi_implicit or self.linear_implicit or self.midpoint or self.rk4
         )

@@ -25,7 +25,7 @@ M = TypeVar("M")
 
 
 class SpecAround(Protocol):
-    """The spec that uses a part, as far as the part may know it."""
+    """The spec that uses a part, with only what a part may know of it."""
 
     @property
     def dims(self) -> Mapping[str, Dimension]: ...
@@ -36,7 +36,9 @@ class SpecAround(Protocol):
 
 @dataclass(frozen=True)
 class PartRead(Generic[M]):
-    """A part as its file and its entry describe it."""
+    """A part after its file was read: the data for its functions, and the names that it
+    declares.
+    """
 
     model: M
     """The data that its members compute with."""
@@ -46,7 +48,10 @@ class PartRead(Generic[M]):
 
 @dataclass(frozen=True, kw_only=True)
 class PartKind(Generic[E, M]):
-    """A kind of parts: `E` is the class of its entry, `M` that of what is read."""
+    """A kind of part, such as a robot: how its file is read, shown and compared.
+
+    `E` is the class of its entry in `use`, `M` that of the data that are read.
+    """
 
     largest_file: int
     """In bytes."""
@@ -68,7 +73,9 @@ AnyPartKind: TypeAlias = PartKind[Any, Any]
 
 
 def part_kind(line: PartLine) -> AnyPartKind:
-    """The kind of parts of a line of the registry, imported when a spec has one."""
+    """The kind of part that a line of the registry names; its module is imported when a spec needs
+    it.
+    """
     kind: AnyPartKind = line.kind.value
     return kind
 
@@ -132,7 +139,7 @@ class Use(Entry):
 
     @property
     def file(self) -> Located[str]:
-        """The file that is used, of a spec or of another kind of part."""
+        """The file that is used: a spec, or the file of another kind of part."""
         if self.part is None:
             assert self.spec is not None
             return self.spec
@@ -166,7 +173,9 @@ class Use(Entry):
 
 
 class Connection(Entry):
-    """The expression that an input of a sub-model is; `history` is its past before the start."""
+    """An expression that is the value of a sub-model's input; `history` is its past before the
+    start.
+    """
 
     noun: ClassVar[str] = "a connection"
     shorthand: ClassVar[str | None] = "expr"
@@ -179,7 +188,9 @@ class Connection(Entry):
 
 
 def _read_inputs(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
-    """The keys of `connect`: an input of a sub-model has a dot in its name."""
+    """The mapping `connect` with its keys checked: they are inputs of sub-models, with a dot in the
+    name.
+    """
     table = read_table(node, info)
     admitted: dict[str, Node] = {}
     for name, value in table.entries.items():

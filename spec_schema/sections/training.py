@@ -110,7 +110,7 @@ class Schedule(OneOf):
 
     @property
     def choice(self) -> Cosine | Exponential | Step | Plateau:
-        """The one that is given."""
+        """The settings of the chosen schedule."""
         given = self.cosine or self.exponential or self.step or self.plateau
         assert given is not None
         return given
@@ -118,7 +118,7 @@ class Schedule(OneOf):
 
 @dataclass(frozen=True)
 class Lesson:
-    """To the end of epoch `until` rollouts have `horizon`."""
+    """A step of a curriculum: until the end of epoch `until`, rollouts have `horizon`."""
 
     until: int
     horizon: Length
@@ -127,7 +127,9 @@ class Lesson:
 
 @dataclass(frozen=True)
 class Curriculum:
-    """`{epoch: horizon, …}`: lessons in the order in which they are written."""
+    """`{epoch: horizon, …}`: the horizons of rollouts until these epochs, in the order of
+    the spec.
+    """
 
     lessons: tuple[Lesson, ...]
     span: Span = field(compare=False)

@@ -183,7 +183,7 @@ class Initializer(OneOf):
 
     @property
     def choice(self) -> InitialValue:
-        """The one that is given."""
+        """The settings of the chosen form."""
         # `OneOf` has seen to it that exactly one is given, so the order of these does not matter
         random = self.normal or self.uniform
         given = self.value or random or self.exp or self.negexp or self.lin or self.file
@@ -192,7 +192,9 @@ class Initializer(OneOf):
 
 
 class Constant(Entry):
-    """A value folded at compile time."""
+    """A number or array of the model that no training changes; it is computed when the spec is
+    compiled.
+    """
 
     noun: ClassVar[str] = "a constant"
     shorthand: ClassVar[str | None] = "value"
@@ -212,7 +214,7 @@ class Constant(Entry):
 
 
 class Prior(Entry):
-    """A normal distribution of each number of a parameter, known before the data."""
+    """A normal distribution of a parameter's elements, known before there are data."""
 
     noun: ClassVar[str] = "a prior"
 
@@ -255,7 +257,7 @@ _SCALE = {
 
 
 class Parameter(Entry):
-    """A learnable value; `scale` is what the optimiser divides it by."""
+    """A value that training can learn; the optimiser works with the value divided by `scale`."""
 
     noun: ClassVar[str] = "a parameter"
     shorthand: ClassVar[str | None] = "init"

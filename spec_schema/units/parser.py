@@ -1,4 +1,4 @@
-"""Reads unit texts such as `m/s^2`, `N*m/rad`, `1/m`; finds the intended unit of other words."""
+"""Parses units such as `m/s^2`, `N*m/rad`, `1/m`, and suggests units for unknown words."""
 
 import re
 import unicodedata
@@ -165,7 +165,9 @@ class Collision(NamedTuple):
 
 
 def meant_symbol(symbol: str) -> str | None:
-    """The unambiguous unit of a symbol in files."""
+    """The unit that another spelling in a data file clearly means, such as `m` for `metre`; None if
+    unclear.
+    """
     if symbol in _SPELLINGS:
         return _SPELLINGS[symbol]
     # `Sec`, `Liter`
@@ -235,10 +237,7 @@ def is_doubtful(text: str) -> bool:
 
 
 def collisions(text: str) -> list[Collision]:
-    """The units in a text of a spec that nobody measures in, and what they may mean.
-
-    Only symbols that a spec can write, without those that it may well mean.
-    """
+    """Unusual units in a text of a spec, each with the unit that it probably means."""
     found: list[Collision] = []
     for match in _DOUBT.finditer(text):
         symbol = match.group()
@@ -270,12 +269,12 @@ def without_prefix(symbol: str) -> tuple[str, float] | None:
 
 
 def confused_symbols(symbol: str) -> list[str]:
-    """Units for which the symbol of another one is often written: `C` for degrees, `lb` for lbf."""
+    """Units that a symbol often means by mistake: `degC` for `C`, `lbf` for `lb`."""
     return [*_CONFUSED.get(symbol, ()), *_other_case(symbol)]
 
 
 def _kilo(symbol: str) -> list[str]:
-    """The units with kilo that begin with a K here: no file joins kelvins to units so."""
+    """The units with the prefix kilo that a symbol beginning with a capital K may mean."""
     return [unit for unit in _other_case(symbol) if unit[0] == "k" and symbol[0] == "K"]
 
 
@@ -292,13 +291,12 @@ def _slips(symbol: str) -> list[str]:
 
 
 def _other_case(symbol: str) -> list[str]:
-    """The symbols that differ from this one in small and capital letters alone, without such as
-    nobody measures in: terametres, nanotonnes."""
+    """The usual units that differ from this symbol in upper and lower case only."""
     return [prefix + row for prefix, row in _cases(symbol) if _is_usual(prefix, row)]
 
 
 def _cases(symbol: str) -> list[tuple[str, str]]:
-    """The prefixes and rows that spell this symbol, in small and capital letters of any kind."""
+    """All pairs of prefix and unit that spell this symbol in any upper and lower case."""
     rows = [("", row) for row in UNIT_ROWS if row.casefold() == symbol.casefold()]
     return rows + [
         (prefix, row)
@@ -342,7 +340,7 @@ _SIGNS = str.maketrans("⋅∙•×∕⁄÷º", "···*///°")
 
 
 def parse_unit(text: str) -> Unit:
-    """The unit a text means; UnitError with offsets into `text` when it is not one.
+    """The unit that a text means. Raises UnitError, with offsets into `text`, for other texts.
 
     Factors are joined by `*` and `/`, read from left to right; `^` is followed by an integer.
     """
@@ -472,6 +470,8 @@ def as_divisor(text: str) -> str:
 
 
 def _normalised(text: str) -> str:
-    """NFKC for each character alone, so that offsets stay; `µ` becomes `μ`, the ohm sign `Ω`."""
+    """The text with each character normalised (NFKC) alone, so that offsets stay; `µ`
+    becomes `μ`.
+    """
     normal = (unicodedata.normalize("NFKC", character) for character in text.translate(_SIGNS))
     return "".join(new if len(new) == 1 else old for old, new in zip(text, normal, strict=True))

@@ -1,4 +1,4 @@
-"""Numbers with a unit: their conversion to the unit of a signal, and the time unit of a rate."""
+"""Represents numbers with a unit, and converts them to the unit of a signal."""
 
 import math
 from dataclasses import field
@@ -12,7 +12,7 @@ from spec_schema.units.unit import BASE_SYMBOLS, Rational, Unit, unit_symbol
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number and its unit; `unit` is None where only a number was written."""
+    """A number and its unit; `unit` is None if the user wrote only a number."""
 
     value: float
     unit: Unit | None
@@ -20,7 +20,7 @@ class Quantity:
 
     @property
     def text(self) -> str:
-        """As a spec writes it: `50 ms`, or `50` without a unit."""
+        """The text as in a spec: `50 ms`, or `50` without a unit."""
         # enough to know the number again, and without the noise of 0.1 + 0.2
         number = f"{self.value:.12g}"
         return number if self.unit is None else f"{number} {self.unit.text}"
@@ -28,7 +28,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Range:
-    """The lowest and the highest value of something, each in its own unit or in none."""
+    """A lower and an upper limit, each in its own unit or without one."""
 
     low: Quantity
     high: Quantity
@@ -42,10 +42,10 @@ _TIME, _ANGLE = BASE_SYMBOLS.index("s"), BASE_SYMBOLS.index("rad")
 
 @dataclass(frozen=True)
 class TurnReadings:
-    """The two meanings of a unit that counts per time, beside a unit of angle per time.
+    """The two meanings of a conversion between a count per time and an angle per time.
 
-    600 1/min are 600 rev/min = 62.8 rad/s (rotational frequency, ISO 80000-3), or 600 rad/min =
-    10 rad/s (the radian as 1, SI brochure, section 5.4.8): they differ by 2π.
+    600 1/min are 600 rev/min = 62.8 rad/s (rotational frequency, ISO 80000-3), or 600 rad/min = 10
+    rad/s (the radian as 1, SI brochure, section 5.4.8): they differ by 2π.
     """
 
     count: Unit
@@ -55,12 +55,12 @@ class TurnReadings:
 
     @property
     def texts(self) -> tuple[str, str, str]:
-        """The count, as revolutions, as radians."""
+        """Three texts: the unit that counts, and its meanings in revolutions and in radians."""
         return self.count.text, self.in_revolutions, self.in_radians
 
 
 def turn_readings(unit: Unit, other: Unit) -> TurnReadings | None:
-    """Both readings where a conversion between the units is right by one of them only, else None.
+    """Both meanings, if a conversion between the units has two; else None.
 
     `N*m/rad` is always `N*m`; `1/min` is not always `rad/min`.
     """
@@ -84,7 +84,7 @@ def _names_turns(unit: Unit) -> bool:
 
 
 def _times(angle: str, power: Rational, count: Unit) -> str:
-    """The text of the count per time as one of angles: `rev/min` of `1/min`, `rad/s` of `Hz`."""
+    """A count per time with an angle: `rev/min` for `1/min`, `rad/s` for `Hz`."""
     product, second = unit_symbol(angle), unit_symbol("s")
     assert product is not None
     assert second is not None
@@ -99,11 +99,11 @@ def _times(angle: str, power: Rational, count: Unit) -> str:
 def converted(
     quantity: Quantity, unit: Unit | None, findings: Findings, *, is_distance: bool = False
 ) -> float | None:
-    """The number in this unit; a bare one is in it already, and what has no unit takes the number.
+    """The number of a quantity in another unit; a number without unit is already in it.
 
-    Of a distance between two values scales alone count: 10 K wide is 10 degC wide. Gives None
-    after reporting a unit of another dimension, a count per time for an angle per time, or a number
-    that is beyond floats there.
+    `is_distance` ignores offsets: a difference of 10 K is one of 10 degC. If `unit` is None, the
+    number is returned. None after reporting an error: another dimension, a count per time for an
+    angle per time, or overflow.
     """
     if quantity.unit is None:
         return quantity.value
@@ -152,9 +152,9 @@ _HIDDEN = {"rpm": "min", "kph": "h", "mph": "h", "kn": "h"}
 
 
 def counted_time(unit: Unit) -> tuple[str, float] | None:
-    """`s/h` and 3600 of a unit that is divided by a time other than the second; None of others.
+    """The time unit of a rate and its seconds, if it is not the second: `s/h` and 3600 for `km/h`.
 
-    `km/h/s` is a rate of change per second already: of it nothing is said.
+    None for other units, also for `km/h/s`, which is already a rate of change per second.
     """
     found: tuple[str, float] | None = None
     for symbol, power in unit.factors:

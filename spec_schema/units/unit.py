@@ -36,7 +36,9 @@ PREFIXES: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class UnitRow:
-    """One symbol: exponents of base units, scale and offset to SI, whether it takes prefixes."""
+    """One symbol of the table of units: exponents of SI base units, scale, offset, and if it takes
+    prefixes.
+    """
 
     exponents: Mapping[str, int]
     scale: float = 1.0
@@ -162,10 +164,10 @@ DIGITS = 15
 
 
 class UnitError(ValueError):
-    """A unit text that cannot be read; `start` and `end` are offsets into the text.
+    """A text that is no unit; `start` and `end` are the offsets of the wrong part.
 
-    `meant` is the unit that belongs there without doubt, `replacement` also one that is likely;
-    else `repair` shows an example. With the example the number is `scale` times as large.
+    `meant` is the unit that is certainly intended, `replacement` also a probable one; else `repair`
+    shows an example. With the example the number is `scale` times as large.
     """
 
     def __init__(
@@ -292,7 +294,10 @@ class Unit:
         return found
 
     def prefixed(self, exponent: int) -> "Unit | None":
-        """This unit times 10^exponent by another prefix, N of kN at -3; None where none does it."""
+        """This unit times 10^exponent, written with another prefix: N for kN and −3.
+
+        None if no prefix fits.
+        """
         if self.offset:
             return None
         scale = _exact(self.scale) * Fraction(10) ** exponent
@@ -310,13 +315,16 @@ class Unit:
         return None
 
     def in_si(self, value: float) -> float:
-        """The number in SI units, rounded once: 10 us is 1e-05 s, which 10 · 1e-06 is not."""
+        """The value in SI units, rounded once: 10 us is 1e-05 s, although 10 · 1e-06 is not in
+        floats.
+        """
         return nearest_float(meant(value) * _exact(self.scale)) + self.offset
 
     def convert(self, value: float, target: "Unit", *, is_distance: bool = False) -> float:
-        """The number in `target` that means `value` in this unit; ValueError if not comparable.
+        """A value converted from this unit to `target`; ValueError for another dimension.
 
-        A distance between two values has no part in the offsets of units. Beyond floats: infinite.
+        With `is_distance` it is a difference of two values, and offsets are ignored. Infinite on
+        overflow.
         """
         if not self.same_dimension(target) and not is_distance and self.converts_to(target):
             return self._convert_level(value, target)
@@ -362,7 +370,10 @@ class Unit:
 
 @dataclass(frozen=True)
 class Line:
-    """factor * number + summand, exactly, and what decibels make of it."""
+    """A linear conversion between units: factor · x + summand, in exact fractions.
+
+    `level` converts from or to decibels in addition.
+    """
 
     factor: Fraction
     summand: Fraction
@@ -371,7 +382,7 @@ class Line:
     ratio: Fraction = Fraction(1)
 
     def after(self, scale: float, offset: float) -> "Line":
-        """The line of scale * number + offset, then this."""
+        """The conversion that first computes scale · x + offset, then this one."""
         return replace(
             self,
             factor=self.factor * _exact(scale),
@@ -384,7 +395,7 @@ ONE = Unit(_NO_EXPONENTS, 1.0)
 
 
 def unit_symbol(symbol: str) -> Unit | None:
-    """The unit of one symbol, with a prefix where its row allows one; None if there is no such."""
+    """The unit of one symbol, possibly with a prefix; None if there is none."""
     row = UNIT_ROWS.get(symbol)
     if row is not None:
         return _unit_of_row(symbol, row, 1.0)
@@ -446,7 +457,7 @@ def meant(number: float) -> Fraction:
 
 @lru_cache(1024)
 def _exact(number: float) -> Fraction:
-    """The decimal number that is meant: no float is 1e-6, and products would show it."""
+    """The float as the decimal fraction that it was written as: 1e-6 exactly."""
     return Fraction(Decimal(repr(number)))
 
 
@@ -477,7 +488,9 @@ def _power(scale: float, exponent: float) -> float:
 
 
 def _within_floats(scale: float) -> float:
-    """Keeps absurd units (eV^-30) positive and finite, so that algebra with them cannot fail."""
+    """Limits the scale of absurd units (eV^-30) to positive finite floats, so that computing cannot
+    fail.
+    """
     return min(max(scale, 1 / _LARGEST_SCALE), _LARGEST_SCALE)
 
 

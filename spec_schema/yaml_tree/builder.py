@@ -33,7 +33,7 @@ _LINE = re.compile(r"(?P<indent> *)(?P<content>[^\r\n]*)(?P<end>\r\n|\r|\n|$)")
 
 
 def scalar_offsets(text: str, start: int, end: int, style: Style, value: str) -> Sequence[int]:
-    """One file offset for each character of `value`, and one for its end.
+    """The offset in the file of each character of a scalar's `value`, and of its end.
 
     `text[start:end]` is the scalar as written, with its quotes or block indicator.
     """
@@ -116,7 +116,7 @@ def _block_offsets(text: str, start: int, end: int, value: str) -> list[int] | N
 
 
 def _indent(lines: list[re.Match[str]], value: str) -> int:
-    """The indentation that YAML removed: that of the first line, less what is left of it."""
+    """The number of blanks that YAML removed before each line of a block scalar."""
     content = value.lstrip("\n")
     kept = len(content) - len(content.lstrip(" "))
     first = next((line for line in lines if line["content"]), None)
@@ -134,12 +134,12 @@ _STYLES: dict[str | None, Style] = {"'": "'", '"': '"', "|": "|", ">": ">"}
 
 
 class StoppedError(Exception):
-    """The rest of the file is not worth reading; the reason is reported."""
+    """Reading the file stops; the reason has been reported."""
 
 
 @dataclass(kw_only=True)
 class _Open:
-    """A list or mapping whose end has not come yet."""
+    """A list or mapping whose end has not been read yet."""
 
     start: int
     is_table: bool
@@ -155,7 +155,7 @@ class _Open:
 
 
 class TreeBuilder:
-    """Takes the events of one document in order; `root` is its tree.
+    """Builds the tree of a YAML document from the events of a parser; `root` is the result.
 
     `text` is that of the source, character for character, as the parser saw it.
     """
@@ -171,7 +171,7 @@ class TreeBuilder:
         self._documents = 0
 
     def take(self, event: Any) -> None:
-        """Takes one event; StoppedError when a budget is spent."""
+        """Adds one event of the parser; StoppedError if the file is too large or too deep."""
         # indices count characters of the text
         start, end = event.start_mark.index, event.end_mark.index
         self._check_tabs(start)
@@ -207,7 +207,7 @@ class TreeBuilder:
                 pass
 
     def _check_tabs(self, start: int) -> None:
-        """Stops at a tab between tokens, which one of PyYAML's parsers takes and the other not."""
+        """Stops at a tab between tokens, which PyYAML's two parsers treat differently."""
         for found in _TAB_OR_COMMENT.finditer(self._text, self._read, max(start, self._read)):
             if found.group() == "\t":
                 self._stop(errors.tab(self._source.span(found.start(), found.end())))
@@ -253,7 +253,9 @@ class TreeBuilder:
         self._add(node, size, None, span)
 
     def _add(self, node: Node, size: int, anchor: str | None, place: Span | None = None) -> None:
-        """Puts a finished node into what contains it; `place` is where an alias of it stands."""
+        """Adds a finished node to the list or mapping around it; `place` is that of its alias, if
+        it is one.
+        """
         place = place or node.span
         if anchor is not None:
             self._anchors[anchor] = (node, size)
@@ -276,7 +278,7 @@ class TreeBuilder:
             frame.expects_value = True
 
     def _check_split(self, frame: _Open, node: Scalar) -> None:
-        """A comma within the parentheses of an unquoted value has cut it."""
+        """Reports an unquoted value that a comma within its parentheses has split."""
         is_open = node.text.count("(") > node.text.count(")")
         if is_open and not frame.is_split and _COMMA.match(self._text, self._read):
             frame.is_split = True
@@ -308,7 +310,9 @@ class TreeBuilder:
             frame.keys[name] = key.span
 
     def _lone(self, frame: _Open, key: Scalar, name: str) -> Diagnostic:
-        """The fault of a lone key: digits right after a number are its decimals."""
+        """The diagnostic for a key without value; digits after a number are probably its
+        decimals.
+        """
         before = next(reversed(frame.entries.values()), None)
         if isinstance(before, Scalar) and not before.quoted and key.text.isdecimal():
             one, two = before.span, key.span
@@ -319,7 +323,7 @@ class TreeBuilder:
         return errors.key_without_value(name, key.span)
 
     def _is_lone(self, key: Scalar, node: Node) -> bool:
-        """Whether `key` stands between commas without a colon."""
+        """True if `key` is between commas without a colon."""
         if not isinstance(node, Scalar) or not node.is_empty:
             return False
         line, column = key.span.end_line, key.span.end_column

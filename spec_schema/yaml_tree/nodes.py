@@ -1,4 +1,4 @@
-"""Represents a spec file as a tree of nodes with places, and gives plain scalars a meaning."""
+"""Represents a spec file as a tree of nodes with places, and interprets unquoted scalars."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True)
 class Positions:
-    """The place of each character of a scalar's value in its file.
+    """The place in the file of each character of a scalar's value.
 
     `offsets` has one file offset for each character and one more for the end.
     """
@@ -26,13 +26,15 @@ class Positions:
         return self.source.span(self.offsets[min(first, end)], self.offsets[min(last, end)])
 
     def part(self, first: int, last: int) -> "Positions":
-        """The positions of `value[first:last]`."""
+        """The positions of the part `value[first:last]`, for a scalar made of it."""
         return Positions(self.source, self.offsets[first : last + 1])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scalar:
-    """A scalar: its text, and the value that YAML 1.2 core gives a plain scalar of that text."""
+    """A single value of the file: its text, and the value that YAML 1.2 gives to an
+    unquoted text.
+    """
 
     text: str
     value: bool | int | float | str | None
@@ -44,7 +46,7 @@ class Scalar:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing, or null, is written."""
+        """True if the value is null or nothing is written."""
         return self.value is None
 
     def part(self, first: int, last: int) -> "Scalar":
@@ -63,7 +65,7 @@ class Scalar:
 
 @dataclass(frozen=True)
 class Listing:
-    """A sequence."""
+    """A list of the file: its items as nodes, with its place."""
 
     items: tuple["Node", ...]
     span: Span
@@ -90,7 +92,7 @@ def with_key(node: Node, key: Span) -> Node:
 
 
 def kind(node: Node) -> str:
-    """The words of a user for such a node."""
+    """The word for a kind of node in messages, such as "a list"."""
     match node:
         case Listing():
             return "a list"
@@ -121,7 +123,9 @@ _LONGEST_INTEGER = 100
 
 
 def core_value(text: str) -> bool | int | float | str | None:
-    """The value of an unquoted scalar."""
+    """The value that YAML 1.2 (core schema) gives to an unquoted text: null, boolean, number or
+    text.
+    """
     if _NULL.fullmatch(text):
         return None
     if _TRUE.fullmatch(text):

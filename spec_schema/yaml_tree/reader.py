@@ -85,7 +85,7 @@ def _colon_without_blank(at: int, source: SourceText) -> Diagnostic | None:
 
 
 def odd_blanks(diagnostics: Iterable[Diagnostic], source: SourceText) -> tuple[Diagnostic, ...]:
-    """The diagnostics, those of lines with a blank that is none replaced by one that says so."""
+    """The diagnostics; on lines with an unusual white space, one that says so replaces them."""
     lines = source.text.split("\n")
     starts = [0, *accumulate(len(line) + 1 for line in lines)]
     kept: list[Diagnostic] = []
@@ -123,7 +123,7 @@ _CONTROL = (
 
 
 def read_tree(source: SourceText, findings: Findings) -> Node | None:
-    """The root of the file; None when its text could not be read, the reason being reported."""
+    """Parses the text of a spec to a tree; None after reporting an error."""
     text = source.text
     start = source.span(0, 1)
     if len(text) > LARGEST:
@@ -141,7 +141,9 @@ def read_tree(source: SourceText, findings: Findings) -> Node | None:
 
 
 def _compose(source: SourceText, findings: Findings) -> Node | None:
-    """The tree by the C parser where there is one; its complaints are left to the Python parser."""
+    """The tree by PyYAML's C parser if it is there; the Python parser runs again to report
+    errors.
+    """
     # many times faster, and there wherever PyYAML was installed as a wheel
     fast: Any = getattr(yaml, "CSafeLoader", None)
     if fast is not None:

@@ -13,12 +13,14 @@ _SHORT = 60
 
 
 def yaml_text(values: Mapping[str, Any]) -> str:
-    """The mapping as the text of a file; mappings and lists are blocks, plain lists are in [ ]."""
+    """The mapping as YAML text: mappings and lists of mappings as blocks, lists of values
+    in [ ].
+    """
     return "".join(f"{line}\n" for line in _table(values))
 
 
 def scalar_text(value: Any, *, in_flow: bool = False) -> str:
-    """A text, number or switch as it is written in YAML."""
+    """A text, number or boolean as it is written in YAML, in quotes if needed."""
     match value:
         case bool():
             return "true" if value else "false"
@@ -33,7 +35,7 @@ def scalar_text(value: Any, *, in_flow: bool = False) -> str:
 
 
 def quoted(text: str) -> str:
-    """The text in double quotes, with no character that steers a terminal."""
+    """The text in double quotes, without control characters."""
     return printable_json(json.dumps(text, ensure_ascii=False))
 
 

@@ -285,5 +285,5 @@ def test_without_the_plugin_its_files_are_read_as_text(
     series(tmp_path, "log.jsonl")
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda **wanted: ())
     plugins.forget()
-    with pytest.raises(SpecError, match="E0804"):
+    with pytest.raises(SpecError, match="E0932"):
         series(tmp_path, "log.jsonl")

@@ -71,7 +71,7 @@ def model_texts(program: Program, interface: Interface, weights: Weights) -> dic
 def _model_texts(
     program: Program, interface: Interface, weights: Weights
 ) -> tuple[dict[str, str], Collection[str]]:
-    """The same, with the names of the kernels that the code calls."""
+    """The texts of `model_texts`, and the names of the math kernels that the code calls."""
     prefix, options = interface.prefix, interface.options
     # one table for all functions: shared helpers are defined once, in the order of first use
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))

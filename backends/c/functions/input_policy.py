@@ -79,7 +79,11 @@ def checked_input(
 def checked_window(
     field: Field, port: Port, functions: FunctionTable, scope: BlockScope, unroll: int
 ) -> ArrayView:
-    """The same for samples around t0; `hold` replaces an invalid sample by the previous one."""
+    """Writes the checks of the samples around t0 that `reset` gets; returns the place of the
+    checked samples.
+
+    Policy `hold` replaces an invalid sample by the previous one.
+    """
     check = _InputCheck(field.place("x0"), port.signal, functions)
     if port.signal.on_invalid != "hold":
         return _checked(check, field.identifier, scope, unroll)

@@ -97,9 +97,10 @@ class _StepWriter(FunctionWriter):
             self.scope.add(c.If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
 
     def commit(self, lowered: GraphLowering, moved: set[str]) -> None:
-        """Replaces the states, after computing all values that depend on old states.
+        """Writes the new values into the states, once all values that depend on old states are
+        computed.
 
-        Buffers in `moved` were shifted by a sum that read them and are skipped.
+        Buffers in `moved` were already shifted by a sum that read them and are skipped.
         """
         interface = self.interface
         following: list[tuple[PlainState | DelayLine, ArrayView]] = []

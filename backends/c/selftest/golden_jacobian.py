@@ -195,9 +195,11 @@ def helper_functions(
 
 
 def resumed_step(interface: Interface, golden: GoldenVectors) -> int | None:
-    """The first golden step after step 0 that depends on earlier steps only through the state.
+    """The index of the first golden step at which a run can be resumed from its state alone; None
+    if none.
 
-    All inputs with the policy `hold` are valid in it. None if there is no such step.
+    It is after step 0, and all inputs with the policy `hold` are valid in it, so that no earlier
+    input counts.
     """
     # not the first: golden vectors have states after steps, and it goes on from none of these
     for step in range(1, len(golden.status)):

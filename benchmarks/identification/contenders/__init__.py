@@ -1,1 +1,1 @@
-"""What each toolbox does with one system, a process each: `python NAME.py SYSTEM DATA`."""
+"""Programs that identify a system with one toolbox each: `python NAME.py SYSTEM DATA`."""

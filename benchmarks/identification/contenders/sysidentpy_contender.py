@@ -1,7 +1,6 @@
-"""Identifies a system with sysidentpy: a polynomial NARX chosen by FROLS, simulated freely.
+"""Identifies a system with sysidentpy: a polynomial NARX chosen by FROLS, in free-run simulation.
 
-It has no place for equations: its terms are its own. Lags and the degree are the best of a few on
-the training record.
+It cannot use known equations. Lags and degree are the best of several on the training recording.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ first = torch.from_numpy(first_values(system))
 
 
 class Functions:
-    """The words of numpy that the right-hand sides use."""
+    """The functions of numpy that right-hand sides use, in torch."""
 
     sqrt, abs, sin, tanh = torch.sqrt, torch.abs, torch.sin, torch.tanh
 

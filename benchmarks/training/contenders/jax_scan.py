@@ -23,7 +23,7 @@ BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
 
 
 class JaxScan(Contender):
-    """One workload; models are written here by hand from the formulas of the specs."""
+    """One workload in JAX; the models are written by hand from the formulas of the specs."""
 
     def __init__(self, settings: dict[str, Any]) -> None:
         self._settings = settings
@@ -54,7 +54,9 @@ class JaxScan(Contender):
         self._state = (zeros(), zeros(), zeros(), jnp.zeros((), jnp.float32))
 
     def _run(self, state: Any, batches: jax.Array) -> Any:
-        """Adam over the batches, one row of starts each."""
+        """Trains by Adam over the batches; each row of `batches` has the start rows of one
+        batch.
+        """
         lr = self._settings["lr"]
 
         def update(carry: Any, starts: jax.Array) -> Any:
@@ -86,7 +88,7 @@ class JaxScan(Contender):
 
 
 def _windows(series: jax.Array, starts: jax.Array, first: int, count: int) -> jax.Array:
-    """Samples starts+first … of each rollout: (count, batch)."""
+    """The samples from `first` after each start row: (count, batch)."""
     return series[(starts + first) + jnp.arange(count)[:, None]]
 
 
@@ -126,7 +128,9 @@ def _vehicle_loss(log: Any, horizon: int, weights: Any, starts: jax.Array) -> ja
 
 
 def _filtered(taps: jax.Array, samples: jax.Array, horizon: int) -> jax.Array:
-    """A filter of inputs that are known for the whole horizon, done before the steps."""
+    """The output of a filter whose inputs are known for the whole horizon, computed before the
+    steps.
+    """
     rows = jnp.arange(horizon)[:, None] + jnp.arange(taps.shape[0])
     return jnp.einsum("k,tkb->tb", taps, samples[rows])
 

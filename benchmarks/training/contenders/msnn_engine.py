@@ -1,4 +1,4 @@
-"""msnn: the spec's stage on one of its own engines, driven as `msnn train` drives it.
+"""Trains the stage of a workload's spec on one engine of msnn, as `msnn train` does.
 
 python msnn_engine.py native|torch
 """
@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 
 class MsnnEngine(Contender):
-    """One workload on the engine of that name."""
+    """One workload on the native or the torch engine."""
 
     def __init__(self, engine: str, settings: dict[str, Any]) -> None:
         self._name = engine
@@ -78,7 +78,9 @@ class MsnnEngine(Contender):
         return summed.total / summed.count
 
     def order(self, fixed: bool) -> NDArray[np.int64]:
-        """The starts of an epoch: whole batches only, as the peer takes them."""
+        """The start rows of an epoch in whole batches, as nnodely takes them; in the data's order
+        if `fixed`.
+        """
         starts = len(self.runs)
         self._shuffles += 1
         order = np.arange(starts) if fixed else self._engine.order(starts, self._shuffles)
@@ -103,7 +105,9 @@ class MsnnEngine(Contender):
         return by_parameter(program, found.gradient)
 
     def _double(self, weights: dict[str, FloatArray], batch: Runs) -> dict[str, FloatArray]:
-        """By torch's own differentiation in float64: nothing of it is shared with the kernel."""
+        """The gradient by torch's own differentiation in float64, which shares nothing with the
+        kernel.
+        """
         import torch
 
         from backends.torch_module.module import build_module

@@ -1,4 +1,6 @@
-"""msnn's kernel alone: an epoch is a shuffle, one packing of all batches, and one call."""
+"""Trains a workload by msnn's kernel alone: each epoch is a shuffle, packed batches and one
+call.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A peer: NeuroMANCER in an environment of its own, its system, its problem and its trainer."""
+"""Trains a workload by NeuroMANCER, in a Python environment of its own, with its own trainer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ from torch.utils.data import DataLoader
 
 
 class Filters(torch.nn.Module):
-    """The last 20 positions a sample later: both filters without a bias, from zero."""
+    """The model of the mass: two filters over the last 20 samples, without bias, with initial
+    weights 0.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -36,7 +38,7 @@ class Filters(torch.nn.Module):
 
 
 class Neuromancer(Contender):
-    """The mass of workloads a and b; `settings` are those of the workload's file."""
+    """Workload a or b, the mass; `settings` are those of the workload's file."""
 
     def __init__(self, settings: dict[str, Any]) -> None:
         if settings["name"] not in {"feed_forward", "closed_loop"}:

@@ -1,4 +1,4 @@
-"""The peer: nnodely in an environment of its own, its own training loop, timed by its own clock."""
+"""Trains a workload by nnodely, in a Python environment of its own, with its own loop and clock."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if PROCESSOR_TIME:  # its own clock around the epochs, read from another dial
 
 
 class Clock(EmptyVisualizer):
-    """Keeps what the training loop tells at its end."""
+    """Receives what nnodely's training loop reports at its end, such as its time."""
 
     seconds = 0.0
 
@@ -95,7 +95,9 @@ class Nnodely(Contender):
 
 @dataclass(frozen=True)
 class Built:
-    """What is fed back to which input, and what is compared with which one's next sample."""
+    """A model in nnodely: which outputs are fed back to which inputs, and which ones are
+    compared.
+    """
 
     fed_back: Any
     closed: str
@@ -145,7 +147,7 @@ CENTERS = [8.0 + 16.0 / 7.0 * i for i in range(8)]
 
 
 def _cell(name, taps):
-    """One filter over 30 samples a set, with a parameter of its own."""
+    """One filter over 30 samples for each fuzzy set, each with its own parameter."""
 
     def made(index):
         values = taps(index[0]).reshape(30, 1).tolist()
@@ -155,7 +157,7 @@ def _cell(name, taps):
 
 
 def _turning(index):
-    """The frozen vehicle's taps of a set."""
+    """The fixed coefficients of the vehicle's filter for one fuzzy set."""
     return (1 + 0.05 * index) * 0.1 * np.exp(np.arange(-29, 1) / 4)
 
 

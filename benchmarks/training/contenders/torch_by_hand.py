@@ -26,7 +26,7 @@ Loss = Callable[[dict[str, Tensor], int, Weights, Tensor], Tensor]
 
 
 class TorchByHand(Contender):
-    """One workload; models are written here by hand from the formulas of the specs."""
+    """One workload in torch; the models are written by hand from the formulas of the specs."""
 
     def __init__(self, mode: str, settings: dict[str, Any]) -> None:
         torch.set_num_threads(1)
@@ -74,7 +74,7 @@ class TorchByHand(Contender):
 
 
 def _windows(series: Tensor, starts: Tensor, first: int, count: int) -> Tensor:
-    """Samples starts+first … of each rollout: (batch, count)."""
+    """The samples from `first` after each start row: (batch, count)."""
     return series[starts[:, None] + torch.arange(first, first + count)]
 
 

@@ -17,11 +17,12 @@ _Guard = tuple[NodeId, bool]
 
 
 def infinite_slopes(program: Program) -> list[Diagnostic]:
-    """Returns W0743 for each such operation; the program is in window form.
+    """Warns (W0743) of operations whose derivative is infinite within the declared ranges of a
+    program.
 
-    There is no warning if the argument is not bounded by declared ranges, or if its own derivative
-    is 0 there, so that the product is 0. An integrator evaluates a formula at several stages; it is
-    reported only if all evaluations are singular.
+    The program is in window form. There is no warning if the argument is not bounded by declared
+    ranges, or if its own derivative is 0 there, so that the product is 0. An integrator evaluates a
+    formula at several stages; it is reported only if all evaluations are singular.
     """
     graph = program.step
     places: dict[Span, list[_Singular | None]] = {}

@@ -16,7 +16,7 @@ Kept = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """The indices that are kept of an array along one of its axes."""
+    """One axis of a parameter from which slices were removed, and the indices that remain."""
 
     parameter: str
     position: int
@@ -27,7 +27,7 @@ class Cut:
 
 
 def cut_weights(cuts: Collection[Cut], weights: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The weights after applying the cuts."""
+    """A copy of the weights in which each cut parameter has only its kept slices."""
     found = dict(weights)
     for cut in cuts:
         if cut.parameter in found:

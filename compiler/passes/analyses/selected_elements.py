@@ -20,7 +20,11 @@ ZerosOfAxes = dict[str, BoolArray]
 
 
 def zero_slices(graph: Graph, arrays: Mapping[str, NDArray[np.float64]]) -> list[ZerosOfAxes]:
-    """The zero slices of every node; `arrays` are the learned parameters to consider."""
+    """For every node, masks by axis of the slices whose elements are all 0 because parameters are
+    0.
+
+    `arrays` are values of learned parameters by name; other parameters count as nonzero.
+    """
     found: list[ZerosOfAxes] = []
     for _, node in graph:
         zeros = _zeros(graph, node, found, arrays)
@@ -134,7 +138,9 @@ def read_samples(
 
 
 def gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) -> NodeId:
-    """The chosen elements of a value: a concatenation of slices."""
+    """The elements of a value at the `chosen` indices along each axis, as a concatenation of
+    slices.
+    """
     for axis, kept in chosen.items():
         parts = [builder.slice(value, axis, *run) for run in _runs(kept)]
         value = builder.concat(parts, axis) if len(parts) > 1 else parts[0]
@@ -143,7 +149,9 @@ def gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) -
 
 # zeros are inserted for sums without nonzero terms
 def spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: Kept) -> NodeId:
-    """The kept elements at their positions among the wanted ones, zeros elsewhere."""
+    """Puts elements into a longer axis: those of index `kept` at their positions among `wanted`,
+    else zeros.
+    """
     if wanted == kept:
         return value
     type = builder.type(value)
@@ -187,8 +195,10 @@ WHOLE: Selection = frozenset()
 
 
 class SelectedElements:
-    """Finds the needed selections of each node of a graph, starting at its roots, and rebuilds
-    it.
+    """Rebuilds a graph without elements that its roots do not need or that are known to be 0.
+
+    The constructor goes from the roots backwards and collects the needed indices of each node. It
+    adds those of parameters to `asked`.
     """
 
     def __init__(

@@ -76,7 +76,7 @@ def fmt(
 
 
 def _source(file: Path) -> SourceText:
-    """The text of the file with its original line endings."""
+    """The text of a spec's file with its original line endings."""
     from spec_schema.reading.reader import read_file
 
     return read_file(file)

@@ -17,7 +17,7 @@ def init(
         typer.Option(
             "--data",
             metavar="FILE",
-            help="A data file to make the spec of, or a pattern such as 'logs/*.csv'; repeatable.",
+            help="A table of text or a workbook to make the spec of, or a pattern; repeatable.",
         ),
     ] = None,
     predict: Annotated[

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import FloatArray, TimeUnit
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
+from msnn.data.formats.table_of_formats import unread_suffix
 from msnn.data.formats.text.csv_header import Dialect
-from msnn.data.formats.text.text_encoding import other_name
+from msnn.data.formats.text.text_encoding import other_name, refuse_other_formats
 from msnn.data.formats.written_units import CapitalUnit, StatedUnit
 from msnn.data.reading.columns import (
     Feed,
@@ -26,7 +29,7 @@ from msnn.data.reading.files import DataFile, unused_without_times
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.rollout_rows import compared_signals, measured_beside, signals_only_compared
 from msnn.errors.data import cells as data_units
-from msnn.errors.data.files import no_column_read
+from msnn.errors.data.files import no_column_read, no_reader, read_as_text
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data import SECOND, Csv, Data, TimeColumn
@@ -208,10 +211,35 @@ def _columns(
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
-        return file.format.reader(file.path, file.shown, wanted, dialect)
+        read = file.format.reader(file.path, file.shown, wanted, dialect)
     except SpecError as error:
-        findings.report(*(_with_name(fault, file) for fault in error.diagnostics))
+        faults = [_with_name(fault, file) for fault in error.diagnostics]
+        if file.arrays is None:
+            faults = taken_as_text(file.path, file.shown, faults)
+        findings.report(*faults)
         return None
+    if (suffix := unread_suffix(file.path)) is not None:
+        findings.report(read_as_text(suffix))
+    return read
+
+
+def taken_as_text(path: Path, shown: str, faults: Sequence[Diagnostic]) -> Sequence[Diagnostic]:
+    """The faults of a file; the first one says if the file was only taken as text (E0932)."""
+    suffix = unread_suffix(path)
+    # a file that cannot be opened may have any format, and a known one has a repair of its own
+    if suffix is None or not faults or not os.access(path, os.R_OK) or _is_identified(path):
+        return faults
+    return (no_reader(suffix, shown, faults[0]), *faults[1:])
+
+
+def _is_identified(path: Path) -> bool:
+    """True if the first bytes of a file are those of a format that its message names."""
+    try:
+        refuse_other_formats(path, path.name)
+    except SpecError as error:
+        # any archive may be a workbook
+        return all(fault.code != "E0826" for fault in error.diagnostics)
+    return False
 
 
 def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:

@@ -21,7 +21,7 @@ def ragged_row(
     commas: bool,
     ends_empty: bool = False,
 ) -> Diagnostic:
-    """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
+    """E0806: a row with more or fewer cells than the header."""
     message = f"row {row} of {file} has {found} cells, the header has {expected} columns"
     notes = and_more(more, "row")
     if commas:
@@ -36,7 +36,7 @@ def ragged_row(
 
 
 def not_a_number(file: str, row: int, column: str, text: str, more: int, place: Span) -> Diagnostic:
-    """E0807: text where a number belongs."""
+    """E0807: text in a cell that must be a number."""
     message = f"`{text}` in column `{column}` is not a number (row {row} of {file})"
     notes = and_more(more, "cell")
     return error(
@@ -47,7 +47,7 @@ def not_a_number(file: str, row: int, column: str, text: str, more: int, place: 
 def decimal_comma(
     file: str, row: int, column: str, text: str, more: int, place: Span, *, delimiter: str
 ) -> Diagnostic:
-    """E0808: a number with a comma where the point belongs."""
+    """E0808: a number with a decimal comma instead of a decimal point."""
     own = "" if delimiter == "," else 'delimiter: ";", '
     message = f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})"
     meant, *others = with_point_or_joined(text)
@@ -102,7 +102,7 @@ def infinite_value(
 
 
 def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
-    """E0822: a quote that its line does not close."""
+    """E0822: a quote that is not closed in its line."""
     message = f'row {row} of {file} has a `"` that its line does not close'
     return error("E0822", place, message, "opened here", notes=and_more(more, "row"))
 
@@ -179,7 +179,9 @@ _OFFSET = re.compile(r"\s*([Zz]|[+-]\d\d(:?\d\d)?)$")
 def misfitting_date(
     what: str, date: str, file: str, has_zone: bool | None, span: Span | None
 ) -> Diagnostic:
-    """E0979: a date of the spec for times that are none, or that another clock has shown."""
+    """E0979: a date in the spec for a file whose times are no dates, or are dates of
+    another clock.
+    """
     if has_zone is None:
         times = f"the times of {file} are seconds"
         repair = "write the time as they are, such as `20 s`"
@@ -197,7 +199,7 @@ def misfitting_date(
 def not_a_moment(
     file: str, row: int, column: str, text: str, more: int, place: Span | None
 ) -> Diagnostic:
-    """E0989: another text or a number in a column of times that are dates."""
+    """E0989: a text or number in a column of dates."""
     message = f"`{text}` in column `{column}` is no moment such as `2026-11-22 17:00:00.25`"
     notes = (f"row {row} of {file}; the rows before have dates", *and_more(more, "cell"))
     repair = "write every time as ISO 8601, or every time as a number"
@@ -207,7 +209,7 @@ def not_a_moment(
 def mixed_zones(
     file: str, row: int, column: str, text: str, more: int, place: Span | None
 ) -> Diagnostic:
-    """E0990: times of which some have an offset from UTC and others none."""
+    """E0990: dates with and without a time zone in one column."""
     message = f"`{text}` in column `{column}` and the times before differ in having a time zone"
     notes = (f"row {row} of {file}", *and_more(more, "cell"))
     repair = "write `Z` or an offset such as `+01:00` behind every time, or behind none"
@@ -262,7 +264,9 @@ def mixed_cells(
 def unit_beside_scale(
     *, signal: str, column: str, found: str, declared: str, span: Span | None
 ) -> Diagnostic:
-    """E0997: a factor in the spec for a column whose file states another unit than the signal's."""
+    """E0997: a factor in the spec for a column whose file states another unit than that of the
+    signal.
+    """
     message = (
         f"the file has `{column}` in {found}, `{signal}` is in {declared}, and the spec has a "
         "`scale:` or `offset:` for it"
@@ -317,7 +321,9 @@ def turns_of_column(
     readings: tuple[str, str, str],
     span: Span | None,
 ) -> Diagnostic:
-    """E0508: a column that counts per time, of a signal of angle per time, or the reverse."""
+    """E0508: a conversion between a count per time, such as 1/min, and an angle per time, such as
+    rad/s.
+    """
     count, turns, radians = readings
     message = (
         f"column `{column}` is in {found} and signal `{signal}` in {declared}: {count} may count "
@@ -342,7 +348,7 @@ def unread_unit(
     scale: float,
     span: Span | None,
 ) -> Diagnostic:
-    """W0511: a unit that a file states and msnn does not know."""
+    """W0511: a unit in a data file that msnn does not know."""
     message = (
         f"the file has `{column}` in `{text}`, which is no known unit: its numbers are taken as "
         f"{declared}"
@@ -355,7 +361,7 @@ def unread_unit(
 
 
 def too_far_a_moment(file: str, row: int, column: str, text: str, more: int) -> Diagnostic:
-    """E1319: dates that are farther from 1970 than times are kept."""
+    """E1319: a date too far from 1970."""
     message = f"`{text}` in column `{column}` is no date between 1823 and 2116"
     notes = (f"row {row} of {file}", *and_more(more, "cell"))
     repair = "leave rows out whose clock was not set, or whose date stands for none"

@@ -1,8 +1,9 @@
-"""E0801-E0826, E0869, E1228, E1326, W0832-W0834, W0837, W0838: data files and recordings."""
+"""E0801-E0826, E0869, E0932, E1228, E1326, W0832-W0834, W0837, W0838, W0957: data files."""
 
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from msnn.errors.data.rows import listed, seconds_text, shortened
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, remark, warning
@@ -14,7 +15,7 @@ from spec_schema.yaml_tree.writer import scalar_text
 def no_file(
     pattern: str, folder: str | None, span: Span | None, meant: str | None = None
 ) -> Diagnostic:
-    """E0801: a file name or pattern that nothing matches."""
+    """E0801: a file name or pattern that matches no file."""
     relative = "paths are relative to the spec file; `--data-root` moves them" if folder else None
     inside = f" in {folder}" if folder else ""
     message = f"no data file matches `{pattern}`{inside}"
@@ -24,12 +25,30 @@ def no_file(
 def unreadable_file(
     file: str, reason: str, repair: str | None = None, place: Span | None = None
 ) -> Diagnostic:
-    """E0802: a file that the system does not give, or that is not text."""
+    """E0802: a file that cannot be read, or that is not text."""
     return error("E0802", place, f"cannot read {file}: {reason}", "from here on", help=repair)
 
 
+def no_reader(suffix: str, file: str, fault: Diagnostic) -> Diagnostic:
+    """E0932: a file whose suffix no format and no plug-in has, and that is no table of text."""
+    message = (
+        f"no format of msnn and no installed plug-in reads `{suffix}` files; "
+        f"{file} was taken as CSV text: {fault.message}"
+    )
+    repair = f"install the plug-in that reads `{suffix}` files (`msnn doctor` lists the installed)"
+    as_text = f", or, if it is text: {fault.help}" if fault.help else ", or save the file as CSV"
+    return replace(fault, code="E0932", message=message, help=repair + as_text, replacement=None)
+
+
+def read_as_text(suffix: str) -> Diagnostic:
+    """W0957: files whose suffix no format and no plug-in has, which are read as text."""
+    message = f"no format of msnn and no installed plug-in reads `{suffix}` files"
+    repair = "install the plug-in that reads them, or, if they are text, name them `….csv`"
+    return warning("W0957", None, f"{message}: they are read as CSV text", help=repair)
+
+
 def spreadsheet(file: str) -> Diagnostic:
-    """E0826: a workbook of a spreadsheet program where a table of text belongs."""
+    """E0826: a spreadsheet file where a text file is required."""
     message = f"{file} is a workbook of a spreadsheet, not a table of text"
     repair = "give a workbook of Excel the name `….xlsx`, or save the sheet as CSV and name that"
     return error("E0826", None, message, help=repair)
@@ -42,7 +61,9 @@ def empty_file(file: str, *, header: bool) -> Diagnostic:
 
 
 def no_column_read(file: str, model: str) -> Diagnostic:
-    """E1326: data of a model that reads none of their columns: it has no number of steps."""
+    """E1326: data of a model that reads none of their columns, so that the number of steps is
+    unknown.
+    """
     message = f"`{model}` reads no column, so that {file} does not say how many steps it has"
     repair = "`msnn.stepper` steps a model without data"
     return error("E1326", None, message, help=repair)
@@ -57,7 +78,7 @@ def missing_columns(
     numbers: bool,
     width: int = 0,
 ) -> Diagnostic:
-    """E0804: columns that the header of a file does not have; `missing` says what each is for."""
+    """E0804: columns that the header of a file lacks."""
     # `width` is the number of columns of a table without header
     if len(missing) == 1:
         ((name, wanted_by),) = missing.items()
@@ -150,7 +171,7 @@ def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic
 
 
 def late_header(file: str, line: int, place: Span) -> Diagnostic:
-    """E1228: a header below lines that a logger writes about itself."""
+    """E1228: a header below other lines, such as information about the logger."""
     message = f"the header of {file} is its line {line}: it stands below other lines"
     repair = f"write `csv: {{skip: {line - 1}}}` under `data:`"
     return error("E1228", place, message, "names of the columns", help=repair)
@@ -162,7 +183,7 @@ def duplicate_column(
     place: Span | None,
     repair: str,
 ) -> Diagnostic:
-    """E0814: a column that is wanted and stands twice in the header."""
+    """E0814: a required column whose name is in the header twice."""
     message = f"{file} has two columns `{name}`"
     return error("E0814", place, message, "which one is meant is not clear", help=repair)
 
@@ -267,14 +288,14 @@ def rows_in_two_sets(
 def not_on_disk(
     reason: str, span: Span | None, repair: str | None = None, why: tuple[str, ...] = ()
 ) -> Diagnostic:
-    """E0869: what is not done with data that are kept on disk."""
+    """E0869: an operation that is not supported for data on disk."""
     usual = "leave `keep: disk` out where the data fit into memory, else leave that out"
     message = f"`keep: disk` does not go with this: {reason}"
     return error("E0869", span, message, notes=why, help=repair or usual)
 
 
 def lost_messages(file: str, dropouts: Sequence[float], longest_at: float) -> Diagnostic:
-    """W0837: parts of a recording that its logger lost; `dropouts` are their durations."""
+    """W0837: parts of a recording that the logger lost."""
     count = "1 dropout" if len(dropouts) == 1 else f"{len(dropouts)} dropouts"
     message = f"the logger of {file} lost messages: {count}, {seconds_text(sum(dropouts))} in total"
     longest = f"the longest is {seconds_text(max(dropouts))}, at {seconds_text(longest_at)}"
@@ -283,5 +304,5 @@ def lost_messages(file: str, dropouts: Sequence[float], longest_at: float) -> Di
 
 
 def unread_part(file: str, reason: str) -> Diagnostic:
-    """W0838: a file of which a part is not read."""
+    """W0838: a file of which only a part is read."""
     return warning("W0838", None, f"a part of {file} is not read: {reason}")

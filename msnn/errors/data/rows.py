@@ -20,7 +20,7 @@ def time_gap(
 def wrong_sample_time(
     file: str, found: float, expected: float, place: Span | None, *, repair: str | None
 ) -> Diagnostic:
-    """E0812: a file whose rows are usually spaced otherwise than `sample_time`."""
+    """E0812: a file whose usual step of time is not `sample_time`."""
     # no sample time fits all steps
     usual = "usually " if repair is None else ""
     message = (
@@ -39,7 +39,7 @@ _TO_NEAREST_ROWS = (
 def other_sample_time(
     *, file: str, found: float, expected: float, repair: str | None = None, index: str | None = None
 ) -> Diagnostic:
-    """W0811: rows that are spaced otherwise than `sample_time`."""
+    """W0811: rows whose step of time is not `sample_time`."""
     message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
     if index is not None:  # of a frame
         message += ", and no `time:` names its index"
@@ -141,7 +141,7 @@ def time_not_increasing(
 def rows_not_there(
     what: str, file: str, rows: int, span: Span | None, times: tuple[str, str] | None = None
 ) -> Diagnostic:
-    """E0818: `from` or `to` that a file does not reach."""
+    """E0818: `from` or `to` outside the file."""
     # the first and the last time, where times pick rows
     has = f"rows 0 … {rows - 1}" if times is None else f"times {times[0]} … {times[1]}"
     message = f"{what} leaves no rows of {file}, which has {has}"
@@ -155,13 +155,15 @@ def impossible_split(reason: str, span: Span | None, repair: str | None = None) 
 
 
 def no_rows_in_set(name: str, sets: Iterable[str], span: Span | None) -> Diagnostic:
-    """E0820: a set that a stage or a metric wants and that has no rows."""
+    """E0820: a set without rows that a stage or metric needs."""
     notes = (f"sets with data: {listed(tuple(sets)) or 'none'}",)
     return error("E0820", span, f"no data in the set `{name}`", "this set is empty", notes=notes)
 
 
 def sets_differ(sets: Sequence[str], span: Span | None) -> Diagnostic:
-    """E0958: other files than those of the spec, whose sets lay theirs out in different ways."""
+    """E0958: given data files whose columns are unclear, because the sets of the spec have
+    different ones.
+    """
     message = (
         f"the sets {listed([f'`{name}`' for name in sets])} lay out their files in different ways"
     )
@@ -172,7 +174,7 @@ def sets_differ(sets: Sequence[str], span: Span | None) -> Diagnostic:
 def episodes_too_short(
     name: str, longest: int, needed: int, wanted_by: str, span: Span | None
 ) -> Diagnostic:
-    """E0821: no episode of a set holds one rollout."""
+    """E0821: a set in which every episode is shorter than one rollout."""
     message = f"{wanted_by} needs {needed} rows, the longest episode of `{name}` has {longest}"
     repair = "shorten the horizon, or look for gaps in the data"
     if longest >= needed:
@@ -192,7 +194,7 @@ def rows_all_skipped(skipped: int, longest: int, wanted_by: str, span: Span | No
 
 
 def unfit_factor(loss: str, value: float, place: str, count: int, span: Span | None) -> Diagnostic:
-    """E0850: the factor of a row of a loss that is negative, infinite or missing."""
+    """E0850: a row factor of a loss that is negative, infinite or missing."""
     found = "missing" if value != value else f"{value:g}"
     more = f" and in {count - 1} rows after it" if count > 1 else ""
     message = f"`rows` of the loss `{loss}` is {found} in {place}{more}"
@@ -201,7 +203,7 @@ def unfit_factor(loss: str, value: float, place: str, count: int, span: Span | N
 
 
 def no_class(loss: str, value: float, place: str, count: int, span: Span | None) -> Diagnostic:
-    """E1131: the number of a class that a cross-entropy does not have."""
+    """E1131: a label that is not the number of a class of a cross-entropy."""
     more = f", one of {count} such numbers" if count > 1 else ""
     message = f"{value:g} is no class of the loss `{loss}`, in {place}{more}"
     repair = (
@@ -212,7 +214,7 @@ def no_class(loss: str, value: float, place: str, count: int, span: Span | None)
 
 
 def no_time_column(what: str, span: Span | None) -> Diagnostic:
-    """E0823: a duration where no time column gives rows a time."""
+    """E0823: a duration for rows without a time column."""
     message = f"{what} is a time, but the data has no time column"
     repair = "name the column with `time:`, or give a row number"
     return error("E0823", span, message, "counted in rows without `time:`", help=repair)
@@ -250,7 +252,7 @@ def starts_not_measured(
     better: int | None,
     span: Span | None,
 ) -> Diagnostic:
-    """W0836: rollouts left out because the samples that their first states read are missing."""
+    """W0836: rollouts omitted because samples for their initial states are missing."""
     names = " and ".join(f"`{name}`" for name in signals)
     steps = "one step" if horizon == 1 else f"{horizon} steps"
     message = (
@@ -264,7 +266,7 @@ def starts_not_measured(
 
 
 def record_dropped(record: str, file: str, row: int) -> Diagnostic:
-    """W0803: a record left out because an input is missing in it."""
+    """W0803: a recording omitted because an input is missing in it."""
     of = "" if file == record else f" of {file}"
     return warning("W0803", None, f"{record} is left out: an input is missing in row {row}{of}")
 
@@ -272,7 +274,9 @@ def record_dropped(record: str, file: str, row: int) -> Diagnostic:
 def kept_values(
     *, column: str, measured: int, kept: int, lost: int, rows: int, offset: float
 ) -> Diagnostic:
-    """W0830: how many measured values of a resampled column are compared with predictions."""
+    """W0830: the number of measured values of a resampled column that are compared with
+    predictions.
+    """
     message = (
         f"resampling keeps {kept} of {measured} measured values of column `{column}`, "
         f"one in each of {kept} rows of {rows}"
@@ -301,14 +305,14 @@ def unequal_columns(file: str, lengths: Mapping[str, int]) -> Diagnostic:
 
 
 def different_times(file: str, first: str, other: str, span: Span | None) -> Diagnostic:
-    """E0842: signals that were recorded at different moments, and nothing says how to join them."""
+    """E0842: signals recorded at different times, without a rule to join them."""
     message = f"`{first}` and `{other}` of {file} were recorded at different times"
     repair = "`resample: nearest` or `resample: linear` brings them to the `sample_time`"
     return error("E0842", span, message, "of this data", help=repair)
 
 
 def no_time_to_resample(file: str, span: Span | None) -> Diagnostic:
-    """E0843: `resample:` where rows have no time."""
+    """E0843: `resample:` for rows without times."""
     message = f"the rows of {file} have no time, so they cannot be resampled"
     repair = "name the column of time with `time:`"
     return error("E0843", span, message, "resampling needs the time of each row", help=repair)
@@ -322,27 +326,27 @@ def static_resample(span: Span | None) -> Diagnostic:
 
 
 def time_of_another_group(column: str, file: str, other: str, span: Span | None) -> Diagnostic:
-    """E0875: a column of time that says nothing of when another column was recorded."""
+    """E0875: a time column that does not belong to the other column."""
     message = f"`{column}` of {file} does not have the times of `{other}`"
     repair = "name a time that all columns have, or leave `time:` out: the file keeps times itself"
     return error("E0875", span, message, "recorded by another clock", help=repair)
 
 
 def unused_key(key: str, reason: str, span: Span | None) -> Diagnostic:
-    """E0876: a key of `data:` that changes nothing about its files."""
+    """E0876: a key of `data:` without any effect on its files."""
     message = f"`{key}` has no effect: {reason}"
     return error("E0876", span, message, "for these files", help=f"remove `{key}`")
 
 
 def decimal_between_cells(file: str, decimal: str, span: Span | None) -> Diagnostic:
-    """E0877: a decimal sign that separates the cells of a file as well."""
+    """E0877: one character for decimals and between cells."""
     message = f"`{decimal}` is the decimal sign of {file} and separates its cells"
     repair = 'name the other one: `csv: {delimiter: ";"}`, or remove `decimal:`'
     return error("E0877", span, message, "cells of this line", help=repair)
 
 
 def rows_of_streams(key: str, file: str, span: Span | None) -> Diagnostic:
-    """E0845: rows counted in a file whose columns have times of their own."""
+    """E0845: row numbers for a file whose columns have times of their own."""
     message = f"`{key}` counts rows, but the columns of {file} have different rows"
     repair = "give a time, for example `2 s`"
     if key == "every":
@@ -351,25 +355,25 @@ def rows_of_streams(key: str, file: str, span: Span | None) -> Diagnostic:
 
 
 def wide_filter(span: Span) -> Diagnostic:
-    """E0846: a filter that reads other rows than the one that it decides on."""
+    """E0846: a `filter:` that reads other rows than the one that it decides."""
     message = "a filter decides on each row by that row alone"
     return error("E0846", span, message, "reads other samples than those at t")
 
 
 def not_a_condition(span: Span) -> Diagnostic:
-    """E0847: a filter that is no comparison."""
+    """E0847: a `filter:` that is not a comparison."""
     message = "a filter is a comparison such as `v > 2`"
     repair = "rows for which the comparison holds are kept"
     return error("E0847", span, message, "not a comparison", help=repair)
 
 
 def empty_filter(file: str, span: Span | None) -> Diagnostic:
-    """W0804: a filter that leaves nothing of a file."""
+    """W0804: a `filter:` that removes all rows of a file."""
     return warning("W0804", span, f"the filter leaves no row of {file}", "false in every row")
 
 
 def missing_reader(what: str, install: str, span: Span) -> Diagnostic:
-    """W0805: data in a format whose reader is not installed here."""
+    """W0805: a data format whose reader is not installed."""
     return warning("W0805", span, what, "cannot be read here", help=install)
 
 

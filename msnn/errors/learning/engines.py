@@ -11,7 +11,7 @@ _REPORT = "please report this with the spec: it is a mistake of msnn, not of the
 
 
 def wrong_kernel(stage: str, what: str, instead: str, span: Span | None) -> Diagnostic:
-    """W0950: a training kernel whose losses or slopes are not those of the model."""
+    """W0950: a training kernel with wrong losses or gradients."""
     label = "its kernel failed the comparison with the interpreter"
     return warning("W0950", span, f"stage `{stage}` goes on {instead}: {what}", label, help=_REPORT)
 
@@ -19,7 +19,7 @@ def wrong_kernel(stage: str, what: str, instead: str, span: Span | None) -> Diag
 def kernel_not_made(
     stage: str, reason: str, span: Span | None, *, too_large: bool = False
 ) -> Diagnostic:
-    """W0951: a training kernel that cannot be built though there is a compiler."""
+    """W0951: a training kernel that cannot be built although a compiler is installed."""
     fault = "is too large" if too_large else "cannot be made"
     message = f"stage `{stage}` goes on with torch: its kernel {fault} ({reason})"
     smaller = "learn fewer numbers at a time, by `freeze`, or take an optimizer of first order"
@@ -27,47 +27,47 @@ def kernel_not_made(
 
 
 def foreign_kernels(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
-    """W1001: a folder of kernels into which somebody else could have put one."""
+    """W1001: a folder of compiled kernels that other users may write to."""
     message = f"no kernel is loaded from {folder}, since {reason}; {_kept(taken)}"
     repair = "close it to others (`chmod go-w`), or set MSNN_CACHE to a folder of your own"
     return warning("W1001", None, message, help=repair)
 
 
 def unusable_kernel_folder(folder: Path, reason: str, taken: Path | None) -> Diagnostic:
-    """W1002: a folder of kernels that takes no new ones."""
+    """W1002: a folder of compiled kernels in which no file can be written."""
     message = f"no kernel can be written to {folder} ({reason}); {_kept(taken)}"
     repair = "make room (`msnn doctor --clean-cache`), or set MSNN_CACHE to another folder"
     return warning("W1002", None, message, help=repair)
 
 
 def foreign_folder_is_not_cleaned(folder: Path, reason: str) -> Diagnostic:
-    """E1053: a folder of kernels to be cleaned that is not the user's alone."""
+    """E1053: a folder of compiled kernels to clean that other users may write to."""
     repair = "close it to others (`chmod go-w`), or set MSNN_CACHE to the folder that is meant"
     return error("E1053", None, f"nothing is removed from {folder}, since {reason}", help=repair)
 
 
 def no_native_rollouts(reason: str) -> Diagnostic:
-    """E1042: kernels asked for to simulate where there can be none."""
+    """E1042: native kernels for a simulation, which are not possible here."""
     repair = "leave `--engine` out, or use `--engine interpreter`"
     return error("E1042", None, f"no kernel can simulate here: {reason}", help=repair)
 
 
 def unknown_engine(name: str, known: Sequence[str]) -> Diagnostic:
-    """E1043: an engine of simulations that there is not."""
+    """E1043: an unknown simulation engine."""
     message = f"there is no engine `{name}`"
     notes = (f"engines: {', '.join(known)}",)
     return error("E1043", None, message, notes=notes, help=did_you_mean(nearest(name, known)))
 
 
 def stepper_of_words(dtype: str) -> Diagnostic:
-    """E1044: a stepper of a model whose C computes in fixed point."""
+    """E1044: a stepper of a model whose C code uses fixed point."""
     message = f"`export: c` says `dtype: {dtype}`, and a stepper takes and gives numbers with units"
     repair = 'load the model with floats: `msnn.load(path, ["export.c.dtype=float32"])`'
     return error("E1044", None, message, help=repair)
 
 
 def interpreted_instead(reason: str) -> Diagnostic:
-    """W1003: work that kernels would do in a fraction of the time, done by the interpreter."""
+    """W1003: a simulation by the interpreter that compiled kernels would finish much sooner."""
     message = f"the interpreter simulates, which takes longer than a kernel: {reason}"
     return warning("W1003", None, message)
 
@@ -83,14 +83,14 @@ _CARDS = ("gpu", "nvidia")
 
 
 def no_kernel_on_card(stage: str, device: str, span: Span | None) -> Diagnostic:
-    """E0970: native kernels asked for on a graphics card."""
+    """E0970: native kernels on a graphics card."""
     message = f"the stage `{stage}` cannot run on {device}: native kernels are for the CPU"
     repair = "use `engine: auto` or `engine: torch`, or train with `--device cpu`"
     return error("E0970", span, message, "native engine", help=repair)
 
 
 def unknown_device(name: str) -> Diagnostic:
-    """E0971: a device that torch computes on nowhere."""
+    """E0971: an unknown device for torch."""
     meant = "cuda" if name.casefold() in _CARDS else nearest(name, _NAMES)
     known = "the devices are cpu, cuda, cuda:N for card N counted from 0, and auto"
     repair = f"did you mean `{meant}`? {known}" if meant else known
@@ -105,7 +105,7 @@ def no_such_card(name: str, cards: int) -> Diagnostic:
 
 
 def no_ranks_in_torch(stage: str, span: Span | None, why: tuple[str, ...]) -> Diagnostic:
-    """E0865: a stage of a training in several processes that no native kernel computes."""
+    """E0865: a stage of a training with several processes that cannot use a native kernel."""
     message = f"stage `{stage}` runs in torch, and processes share the batches of kernels alone"
     repair = (
         "train it in one process, without torchrun; or let kernels compute it: `engine: native`, "
@@ -115,7 +115,7 @@ def no_ranks_in_torch(stage: str, span: Span | None, why: tuple[str, ...]) -> Di
 
 
 def ranks_differ(what: str) -> Diagnostic:
-    """E0866: processes of one training that have not the same."""
+    """E0866: processes of one training that differ, for example in spec, data or versions."""
     message = f"the processes of this training differ in {what}"
     repair = (
         "give all of them the same files, the same msnn and numpy, and processors of one kind; "
@@ -125,7 +125,7 @@ def ranks_differ(what: str) -> Diagnostic:
 
 
 def rank_lost(reason: str, folder: str | None) -> Diagnostic:
-    """E0867: a training that ends because one of its processes has."""
+    """E0867: a training that ends because one of its processes was lost."""
     message = "training has ended: another of its processes has ended or cannot be reached"
     kept = () if folder is None else (f"the state of the training is kept in {folder}",)
     repair = "the same command with `--resume` goes on, with as many processes or with one"
@@ -133,7 +133,7 @@ def rank_lost(reason: str, folder: str | None) -> Diagnostic:
 
 
 def one_process_alone(what: str) -> Diagnostic:
-    """E0868: what a training in several processes does not do."""
+    """E0868: an operation that is not supported with several processes."""
     message = f"{what} starts from one process, and torchrun has started several"
     repair = "leave torchrun out: `msnn …`; `--jobs` and `--ray` share the trainings of a sweep"
     return error("E0868", None, message, help=repair)

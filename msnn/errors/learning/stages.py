@@ -33,7 +33,7 @@ def much_memory(
 
 
 def curriculum_outside_training(span: Span) -> Diagnostic:
-    """E0941: a curriculum where nothing is trained."""
+    """E0941: a curriculum outside training."""
     message = "a curriculum belongs to a stage of `train:`"
     repair = "leave it out: a metric is measured over the whole horizon"
     return error("E0941", span, message, "nothing is trained here", help=repair)
@@ -56,7 +56,7 @@ def unknown_torch_optimizer(
 def unknown_torch_option(
     option: str, optimizer: str, span: Span, known: Iterable[str]
 ) -> Diagnostic:
-    """E0943: an option that the class of an optimiser does not take, or not from a spec."""
+    """E0943: an option that an optimiser of torch does not have, or that a spec cannot give."""
     known = tuple(known)
     meant = nearest(option, known)
     decay = "write `weight_decay:` beside `optimizer:`" if option == "weight_decay" else None
@@ -82,21 +82,21 @@ def refused_by_torch(optimizer: str, reason: str, span: Span) -> Diagnostic:
 
 
 def another_run(folder: str, changes: Sequence[str]) -> Diagnostic:
-    """E0946: resuming a run with another spec, other settings or other data."""
+    """E0946: a run to resume with another spec, other settings or other data."""
     message = f"the run in {folder} cannot go on: it would be another one"
     repair = f"resume as `msnn show {folder}` says, or train without `--resume`"
     return error("E0946", None, message, notes=tuple(changes), help=repair)
 
 
 def no_folds(span: Span | None) -> Diagnostic:
-    """E0947: training every fold of data that are not divided into folds."""
+    """E0947: a cross-validation of data without folds."""
     message = "there are no folds to train: the data are not split `by: kfold`"
     repair = "write `split: {by: kfold, k: 5}` in `data:`, or train without `--folds`"
     return error("E0947", span, message, "" if span is None else "another split", help=repair)
 
 
 def no_fit(layer: str, target: str, span: Span | None) -> Diagnostic:
-    """E0948: a filter to fit to data that do not determine it."""
+    """E0948: a filter to be fitted to data that do not determine it."""
     few = f"too few rows of its argument and `{target}`"
     message = f"`{layer}` cannot be fitted: the set `train` has {few}"
     label = "`fit` needs more samples in a row than the layer has coefficients"
@@ -105,14 +105,14 @@ def no_fit(layer: str, target: str, span: Span | None) -> Diagnostic:
 
 
 def rate_beyond(stage: str, rate: float, dtype: str, most: float, span: Span | None) -> Diagnostic:
-    """E0353: a learning rate that no number of the stage's precision holds."""
+    """E0353: a learning rate that is too large for the number type of the stage."""
     message = f"the stage `{stage}` has the learning rate {rate:g}, which {dtype} has no number for"
     repair = f"it ends at {most:.3g}; useful rates are between 1e-5 and 10, `lr: auto` finds one"
     return error("E0353", span, message, "too large by far", help=repair)
 
 
 def same_starts(stage: str, attempts: int, span: Span | None) -> Diagnostic:
-    """W0940: several runs of a stage that all begin at the same values."""
+    """W0940: several attempts at a stage that all have the same initial weights."""
     message = f"the {attempts} runs of stage `{stage}` begin at the same values: nothing is drawn"
     label = "`starts:` differ by the order of batches alone"
     repair = "draw what they should try: `k: {init: {uniform: {min: 1, max: 100}}}`"
@@ -120,7 +120,7 @@ def same_starts(stage: str, attempts: int, span: Span | None) -> Diagnostic:
 
 
 def nothing_beside_priors(names: Sequence[str], stage: str, span: Span | None) -> Diagnostic:
-    """E0966: priors in a stage without residuals to weigh them against."""
+    """E0966: priors in a stage that compares nothing with data."""
     listed = ", ".join(f"`{name}`" for name in names)
     message = f"stage `{stage}` cannot weigh the prior of {listed}: no loss compares with the data"
     repair = "give a loss of measured values a weight, as `mse(y, z)`, or freeze what has a prior"
@@ -128,7 +128,7 @@ def nothing_beside_priors(names: Sequence[str], stage: str, span: Span | None) -
 
 
 def no_corner(loss: str, optimizer: str, stage: str, span: Span | None) -> Diagnostic:
-    """W0911: a penalty whose corner the optimiser of a stage does not come to."""
+    """W0911: a penalty whose zeros the optimiser of a stage cannot reach."""
     message = f"stage `{stage}` makes numbers small by `{loss}`, but none exactly 0"
     repair = "take adam, adamw, sgd or levenberg_marquardt for exact zeros"
     return warning("W0911", span, message, f"{optimizer} follows slopes alone", help=repair)
@@ -144,7 +144,7 @@ def jumps_late(
     schedule: str | None,
     span: Span | None,
 ) -> Diagnostic:
-    """W0913: a monitor that jumps when a stage ought to settle."""
+    """W0913: a monitor that jumps late in a stage."""
     jump = f"after epoch {epoch} the monitor is {ratio:.3g} times its best"
     message = f"stage `{stage}` does not settle: {jump}"
     lower = f"`{key}: {rate}`"
@@ -153,7 +153,7 @@ def jumps_late(
 
 
 def no_scale_of_data(name: str, span: Span | None) -> Diagnostic:
-    """E0969: a scale to be taken from data on which a parameter has no effect."""
+    """E0969: `scale: data` for a parameter that has no effect on a prediction."""
     message = f"`{name}` has no scale in the data: nothing that is compared changes with it"
     repair = "give its typical size as a number, or an `init` from which it has an effect"
     return error("E0969", span, message, "no effect where training begins", help=repair)
@@ -166,7 +166,7 @@ _SHOWN = 6
 def no_sum_of_squares(
     loss: str, what: str, span: Span | None, stage: str, *, is_penalty: bool
 ) -> Diagnostic:
-    """E0930: a loss that is no sum of squares, in a stage of levenberg_marquardt."""
+    """E0930: a loss that is no sum of squares, in a stage with levenberg_marquardt."""
     message = f"stage `{stage}` cannot minimise the loss `{loss}`: {what} is no sum of squares"
     repair = (
         f"write it with mse, l2 or huber, give the stage `losses: {{{loss}: 0}}`, or take "
@@ -182,7 +182,7 @@ def no_sum_of_squares(
 
 
 def not_of_second_order(key: str, reason: str, span: Span) -> Diagnostic:
-    """E0931: a key of a stage that levenberg_marquardt has no use for."""
+    """E0931: a key of a stage that has no effect with levenberg_marquardt."""
     message = f"levenberg_marquardt takes no `{key}:`: {reason}"
     repair = f"leave `{key}:` out"
     return error("E0931", span, message, f"with `{key}:` in the same stage", help=repair)
@@ -191,7 +191,7 @@ def not_of_second_order(key: str, reason: str, span: Span) -> Diagnostic:
 def no_finite_slope(
     stage: str, epoch: int, parameters: Sequence[str], span: Span | None
 ) -> Diagnostic:
-    """E0985: a loss that is finite where its slope is infinite or NaN."""
+    """E0985: a finite loss whose derivative is infinite or NaN."""
     where = f" in {' and '.join(f'`{name}`' for name in parameters)}" if parameters else ""
     message = f"stage `{stage}` ends in epoch {epoch}: the loss is finite, its slope{where} is not"
     notes = ("the best weights so far are kept",)
@@ -203,7 +203,7 @@ def no_finite_slope(
 
 
 def left_out(stage: str, span: Span | None) -> Diagnostic:
-    """W0744: infinite slopes in training, which have no share in its steps."""
+    """W0744: infinite derivatives in training, which its steps ignore."""
     message = f"in stage `{stage}` a scored value has an infinite slope in a learned number"
     notes = (
         "levenberg_marquardt leaves out such values, other optimizers the batches with them",
@@ -224,7 +224,9 @@ def not_identifiable(
     black_boxes: Sequence[str],
     span: Span | None,
 ) -> Diagnostic:
-    """W0930: learned numbers that can change together without a change of any residual."""
+    """W0930: parameters that the data do not determine: they can change together without any
+    effect.
+    """
     # of each parameter: how many of its numbers are in the changes, and how many it has
     named = " and ".join(
         f"`{name}`" if size == 1 else f"{count} of the {size} numbers of `{name}`"

@@ -21,7 +21,7 @@ def cannot_close(signal: str, reason: str, span: Span) -> Diagnostic:
 
 
 def skips_everything(key: str, skip: int, horizon: int, span: Span | None) -> Diagnostic:
-    """E0903: a rollout that scores nothing."""
+    """E0903: a rollout without a scored step."""
     message = f"{key} {skip} leaves nothing of a horizon of {horizon} evaluations"
     return error("E0903", span, message, "nothing is scored")
 
@@ -29,7 +29,7 @@ def skips_everything(key: str, skip: int, horizon: int, span: Span | None) -> Di
 def no_target_scored(
     stage: str, name: str, span: Span | None, horizon: int | str, starts: Sequence[str]
 ) -> Diagnostic:
-    """E0909: a stage whose losses compare with nothing in the rows that judge it."""
+    """E0909: a stage whose losses have no target in the rows of its monitor."""
     message = f"stage `{stage}` has nothing to judge by: no target in the rows of `{name}` counts"
     notes = ("targets are missing, or factors of `rows:` are 0, wherever rollouts score",)
     repair = "look at the columns of the targets with `msnn data SPEC`, or choose other rows"
@@ -45,7 +45,7 @@ def no_target_scored(
 
 
 def warms_nothing(span: Span) -> Diagnostic:
-    """W0806: a warm-up of a rollout that closes no signal."""
+    """W0806: a warm-up of a rollout without a closed loop."""
     message = "this rollout closes no signal that `warm_up` could read from the log"
     repair = "to score later evaluations only, write `skip:`"
     return warning("W0806", span, message, "nothing to warm up", help=repair)
@@ -58,7 +58,7 @@ def nothing_to_train(stage: str, span: Span) -> Diagnostic:
 
 
 def losses_of_others(stage: str, trained: Sequence[str], span: Span) -> Diagnostic:
-    """E0934: a stage whose losses say nothing of what it trains."""
+    """E0934: a stage whose losses do not depend on the parameters that it trains."""
     named = ", ".join(f"`{name}`" for name in trained)
     trained_ones = "it" if len(trained) == 1 else "one of them"
     message = f"stage `{stage}` trains {named}, but no loss with a weight depends on {trained_ones}"
@@ -69,7 +69,7 @@ def losses_of_others(stage: str, trained: Sequence[str], span: Span) -> Diagnost
 def losses_without_data(
     stage: str, predicted: Sequence[tuple[str, str, int]], span: Span
 ) -> Diagnostic:
-    """W0935: a stage whose losses compare nothing with the data."""
+    """W0935: a stage whose losses compare nothing with data."""
     message = f"stage `{stage}` makes losses of parameters alone small, whatever the data are"
     notes = ("with `losses:` what outputs predict counts only where it is listed",)
     # outputs with the signal that each predicts and the samples ahead
@@ -80,7 +80,7 @@ def losses_without_data(
 
 
 def no_factors_with_lbfgs(span: Span) -> Diagnostic:
-    """E0905: learning rates of single parameters with an optimiser that has one step length."""
+    """E0905: learning rates of single parameters with an optimiser that has only one step size."""
     message = "lbfgs has one step length for all parameters"
     repair = "give the parameter a `scale:` instead"
     return error("E0905", span, message, "no factors with lbfgs", help=repair)
@@ -113,7 +113,7 @@ def no_statistic(parameter: str, signal: str, span: Span | None) -> Diagnostic:
 
 
 def unknown_statistics(parameters: Iterable[str], span: Span | None) -> Diagnostic:
-    """E0926: statistics of the data where nothing was trained."""
+    """E0926: a model with statistics of the data as parameters, used before training."""
     listed = ", ".join(f"`{name}`" for name in parameters)
     message = f"{listed} are statistics of the training data, which initial weights do not have"
     repair = "train first, or give the weights of a training"
@@ -145,7 +145,7 @@ def diverged_parameter(
 
 
 def no_checkpoint(folder: str) -> Diagnostic:
-    """E0915: resuming where nothing was interrupted."""
+    """E0915: a run to resume although none was interrupted."""
     return error("E0915", None, f"no interrupted run to resume in {folder}")
 
 
@@ -162,7 +162,7 @@ def unscorable_target(span: Span) -> Diagnostic:
 
 
 def nothing_predicted(output: str, span: Span) -> Diagnostic:
-    """E0918: a metric of an output that stands for nothing logged."""
+    """E0918: a metric of an output that predicts no recorded signal."""
     message = f"`{output}` predicts nothing: the metric has no target"
     repair = 'add `target: "x[t+1]"` here or `predicts:` to the output'
     return error("E0918", span, message, "no target", help=repair)
@@ -179,21 +179,21 @@ def unknown_output(name: str, span: Span, outputs: Iterable[str]) -> Diagnostic:
 
 
 def wrong_limit_unit(limit: str, expected: str, span: Span) -> Diagnostic:
-    """E0920: a limit in a unit that the metric cannot be compared with."""
+    """E0920: a limit whose unit does not fit the metric."""
     message = f"the limit {limit} does not compare with a metric in {expected}"
     repair = f"give the limit in {expected}, or as a number alone, which is in that unit"
     return error("E0920", span, message, f"the metric is in {expected}", help=repair)
 
 
 def metric_of_loss(metric: str, name: str, span: Span) -> Diagnostic:
-    """E0921: a metric other than the loss itself asked of a loss."""
+    """E0921: a metric other than `loss` for a loss."""
     message = f"`{metric}` of the loss `{name}` has no meaning: a loss is a number already"
     repair = "leave `metric:` out, or name an output"
     return error("E0921", span, message, "this is a loss", help=repair)
 
 
 def starts_elsewhere(stage: str, state: str, span: Span | None, *, of_call: bool) -> Diagnostic:
-    """W0901: an initial value that holds for the first row of a record, used at other rows."""
+    """W0901: an initial value of a recording's first row, used at other rows."""
     what = f"value with which `{state}` begins" if of_call else f"`init` of `{state}`"
     start = (
         "`skip:` of the rollout, or `init=` of an integral"
@@ -215,7 +215,7 @@ def at_bound(name: str, span: Span | None, *, is_pushed: bool) -> Diagnostic:
 
 
 def stuck_at_bound(name: str, span: Span | None, *, are_squares: bool) -> Diagnostic:
-    """W0914: a parameter that stopped near a bound from which the loss falls."""
+    """W0914: a parameter that stopped near a bound although the loss decreases away from it."""
     message = f"`{name}` stopped near its bound, and the loss falls away from the bound"
     repair = "begin with an `init` farther inside"
     if are_squares:
@@ -224,20 +224,20 @@ def stuck_at_bound(name: str, span: Span | None, *, are_squares: bool) -> Diagno
 
 
 def attempt_left_out(number: int, attempts: int, why: Diagnostic) -> Diagnostic:
-    """W0906: one of several runs of a stage that diverged while others go on."""
+    """W0906: an attempt at a stage that diverged while others continue."""
     message = f"run {number} of {attempts} is left out: {why.message}"
     return warning("W0906", why.span, message, why.label)
 
 
 def no_native_engine(stage: str, reason: str, span: Span | None) -> Diagnostic:
-    """E0922: kernels asked for where there can be none."""
+    """E0922: native kernels for a stage, which are not possible."""
     message = f"the stage `{stage}` cannot run natively: {reason}"
     repair = "use `engine: auto` or `engine: torch`"
     return error("E0922", span, message, "native engine", help=repair)
 
 
 def torch_instead(stage: str, reason: str, span: Span | None) -> Diagnostic:
-    """W0905: a stage that runs on the slower engine, and why."""
+    """W0905: a stage that runs in torch instead of native kernels."""
     message = f"the stage `{stage}` runs on torch, not in native kernels: {reason}"
     return warning("W0905", span, message, "slower engine")
 
@@ -249,7 +249,7 @@ _FEW = 20
 def decides_alone(
     loss: str, share: float, stage: str, others: Sequence[str], span: Span | None
 ) -> Diagnostic:
-    """W0936: a loss beside which the others do not count."""
+    """W0936: a loss that is nearly the whole total of a stage."""
     listed = ", ".join(f"`{name}`" for name in others)
     message = (
         f"`{loss}` is {min(100 * share, 99.99):.4g} % of the total of stage `{stage}`: "
@@ -263,7 +263,7 @@ def decides_alone(
 
 
 def hardly_moved(names: Sequence[str], span: Span | None) -> Diagnostic:
-    """W0937: parameters that a training by steps of a rate has left where they were."""
+    """W0937: parameters that training has hardly moved."""
     listed = ", ".join(f"`{name}`" for name in names)
     message = f"{listed} moved by less than 1 % of {'its' if len(names) == 1 else 'their'} scale"
     repair = (
@@ -285,7 +285,7 @@ def validation_decided(
     last: float,
     span: Span | None,
 ) -> Diagnostic:
-    """W0938: weights that validation chose far from what the training rows say."""
+    """W0938: weights selected by validation that fit the training rows much worse."""
     over = f"{'the only rollout' if rollouts == 1 else f'{rollouts} rollouts'} of `{watched}`"
     # an epoch of a least-squares stage in the middle of its path, or a monitor far above
     if is_on_the_way:
@@ -306,7 +306,7 @@ def validation_decided(
 def undecided_start(
     states: Sequence[str], wanted_by: str, place: str, count: int, over: int | None
 ) -> Diagnostic:
-    """W0807: a start of a run that its first evaluations do not decide."""
+    """W0807: an estimated initial state that the first samples of its rollout do not determine."""
     which = "what is scored does" if over is None else "the first evaluations do"
     message = (
         f"{wanted_by}: {which} not decide where {_listed(states)} starts, "
@@ -320,7 +320,9 @@ def undecided_start(
 def guessed_start(
     states: Sequence[str], wanted_by: str, place: str, count: int, over: int
 ) -> Diagnostic:
-    """E0874: a start that later evaluations depend on, and the first ones do not decide."""
+    """E0874: an estimated initial state that has an effect, but not on the first samples of its
+    rollout.
+    """
     message = (
         f"{wanted_by}: the first {over} evaluations do not decide where {_listed(states)} starts, "
         f"and later ones depend on it, from {place}{_more(count)}"
@@ -330,7 +332,7 @@ def guessed_start(
 
 
 def unsettled_start(states: Sequence[str], wanted_by: str, place: str, count: int) -> Diagnostic:
-    """W0808: a search for the start of a run that has not come to its end."""
+    """W0808: an estimate of an initial state that did not converge."""
     message = (
         f"{wanted_by}: the search for where {_listed(states)} starts has not converged, "
         f"from {place}{_more(count)}"

@@ -22,7 +22,7 @@ from msnn.exports.target import Written
 
 @contextmanager
 def built_c(written: Written) -> Generator[CStep]:
-    """One instance of the model in the written files, compiled and loaded.
+    """A context with one instance of the exported C, compiled for this machine and loaded.
 
     Raises MissingExtraError without a suitable C compiler.
     """
@@ -55,7 +55,9 @@ def built_folder(written: Written, library: str) -> Generator[Path]:
 
 
 def loaded_c(step: CStep, interface: Interface) -> Loaded:
-    """Uses one instance of the C code; with Jacobian if the export has one."""
+    """One instance of compiled C in the form that comparisons need; with Jacobian if the export has
+    one.
+    """
     model = _CModel(step, interface)
     matrices = interface.jacobian
     slopes = None if matrices is None else ExportedSlopes(matrices.jacobian, model.slopes)
@@ -83,7 +85,9 @@ class _CModel:
         return {name: value[np.newaxis] for name, value in self.step.states().items()}
 
     def run(self, beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
-        """Simulates with the loop in C."""
+        """Simulates `steps` steps by one call of the C code; returns the outputs, (steps,
+        *shape).
+        """
         self.start(beginning)
         return self.step.run(inputs, steps)[0]
 

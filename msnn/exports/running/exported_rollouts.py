@@ -72,8 +72,9 @@ def _export_engine(model: Model, name: str) -> EngineToOpen:
 
 @dataclass(frozen=True, slots=True)
 class ExportedRollouts:
-    """An engine for one program, exported with the options of a plan, but not its loops and
-    outputs.
+    """An engine that simulates in an export: of `program`, with the options of `plan`.
+
+    The loops and outputs are those of `program`, not of the plan.
     """
 
     plan: AnyPlan

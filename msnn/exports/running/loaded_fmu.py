@@ -51,7 +51,7 @@ class _FmuModel:
         self._memory = StateStruct(layout_metadata(program, interface, weights)["c"])
 
     def run(self, beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
-        """Simulates with both units."""
+        """Simulates with both FMUs; returns the outputs. Their bits must be equal."""
         found = self._run(self._third, beginning, inputs, steps)
         other = self._run(self._second, beginning, inputs, steps)
         for name, values in found.items():
@@ -134,12 +134,12 @@ class _Serialised:
 
     @property
     def _checksum(self) -> int:
-        """Offset of the checksum."""
+        """The offset of the checksum in the serialised state."""
         return self.data.index(b"\0") + 1
 
     @property
     def memory(self) -> bytes:
-        """The state struct."""
+        """The bytes of the C state struct."""
         begin = self._checksum + _CHECKSUM_BYTES
         return self.data[begin : begin + self.size]
 
@@ -185,7 +185,10 @@ def fmu_instance(path: Path) -> Generator[FmuInstance]:
 
 
 class FmuInstance:
-    """One instance; `messages` is its log. FMPy raises an error if a call is refused."""
+    """An instance of an FMU, called through FMPy, which raises an error if a call is refused.
+
+    `messages` is its log.
+    """
 
     def __init__(self, description: Any, folder: str) -> None:
         fmi2: Any = import_module("fmpy.fmi2")
@@ -217,7 +220,9 @@ class FmuInstance:
             self._fmu.instantiate(callbacks=self._callbacks)
 
     def initialise(self) -> None:
-        """Resets the instance and enters initialisation mode."""
+        """Resets the FMU instance and enters initialisation mode, in which initial samples
+        are set.
+        """
         self._fmu.reset()
         if not self._is_3:
             # gone in FMI 3.0, mandatory in 2.0
@@ -234,7 +239,7 @@ class FmuInstance:
         self._call("set", self._references(first, numbers.size), numbers.tolist())
 
     def get(self, first: int, shape: Sequence[int]) -> Array:
-        """Reads the elements of a variable."""
+        """The elements of the variable with this first value reference, as an array of `shape`."""
         size = int(np.prod(shape, dtype=int))
         references = self._references(first, size)
         # FMI 3.0 wants the number of values beside the references, as one may stand for an array
@@ -250,7 +255,7 @@ class FmuInstance:
         return int(found)
 
     def step(self, number: int, seconds: float) -> None:
-        """Executes step `number` since the start."""
+        """Computes step `number`, counted from the start; `seconds` is the sample time."""
         self._fmu.doStep(number * seconds, seconds)
 
     def end(self) -> None:

@@ -52,7 +52,7 @@ def _prepare(request: Request, entry: CasadiExport | None) -> ExportPlan[CasadiO
 
 
 def _warn(request: Request, program: Program, found: Mapping[NodeId, Kink], *, stays: bool) -> None:
-    """Names each place that has kinks once."""
+    """Warns about kinks of the model, once for each place in the spec."""
     entries = (*program.signals, *program.states, *program.expected)
     ranges = {entry.name: entry.range for entry in entries}
     places: dict[Span, Kink] = {}
@@ -82,7 +82,7 @@ def _load(plan: ExportPlan[CasadiOptions], written: Written) -> Generator[Loaded
 def _slopes(
     program: Program, options: CasadiOptions, exported: _CasadiExport
 ) -> ExportedSlopes | None:
-    """CasADi's own derivative of the step; None where matrices are vast."""
+    """The derivative of the step by CasADi, to compare it; None if the matrices are too large."""
     from backends.ports.step_interface import step_interface
     from compiler.jacobian.jacobian import jacobian
 
@@ -110,8 +110,10 @@ TARGET: Target[CasadiExport, CasadiOptions] = Target(
 
 
 class _CasadiExport:
-    """The functions in `<prefix>.casadi` and `<prefix>_initial_state.casadi`, as `<prefix>.json`
-    describes them."""
+    """Runs the exported functions `<prefix>.casadi` and `<prefix>_initial_state.casadi`.
+
+    `<prefix>.json` describes them.
+    """
 
     def __init__(self, folder: Path, prefix: str) -> None:
         import casadi
@@ -147,7 +149,9 @@ class _CasadiExport:
     def slopes(
         self, matrices: Sequence[Matrix], inputs: Arrays, states: Arrays, steps: int
     ) -> Arrays:
-        """The matrices (steps, rows, columns) by name, of CasADi's derivative."""
+        """The Jacobian matrices by name, (steps, rows, columns), computed by CasADi's
+        differentiation.
+        """
         # CasADi's own, so that it judges ours and not the other way round
         derivative = self._step.jacobian()
         found: list[Arrays] = []
@@ -159,7 +163,7 @@ class _CasadiExport:
         return stacked(found)
 
     def _matrix(self, matrix: Matrix, blocks: Arrays) -> NDArray[np.float64]:
-        """Its blocks, one of each quantity of the rows by each of the columns."""
+        """One matrix, put together from blocks: one for each quantity in its rows and columns."""
         ends = {
             "x": self._ports("states", "next_port"),
             "y": self._ports("outputs", "port"),

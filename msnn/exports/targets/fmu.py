@@ -38,7 +38,7 @@ def _prepare(request: Request, entry: FmuExport | None) -> ExportPlan[COptions] 
 
 
 def _has_slopes(program: Program) -> bool:
-    """Whether the matrix of slopes of outputs in inputs is not vast."""
+    """True if the matrix of derivatives of outputs in inputs is not too large to export."""
     outputs = sum(program.step[output.node].type.size for output in program.outputs)
     inputs = sum(Type(signal.axes).size for signal in program.signals)
     return outputs * inputs <= MOST_ENTRIES
@@ -58,7 +58,7 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
 
 
 def _tell(plan: ExportPlan[COptions], folder: Path) -> str:
-    """A sentence where the units do not run on this machine; else empty."""
+    """A sentence if the FMUs have no binary for this machine; else empty."""
     from backends.fmu.write_fmu import holds_binary
 
     paths = [folder / f"{plan.prefix}_fmi{version}.fmu" for version in (2, 3)]

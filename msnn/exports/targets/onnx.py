@@ -54,7 +54,7 @@ TARGET: Target[OnnxExport, None] = Target(
 
 
 class _OnnxExport:
-    """The models `<prefix>.onnx` and `<prefix>_initial_state.onnx`, in onnxruntime."""
+    """Runs the exported models `<prefix>.onnx` and `<prefix>_initial_state.onnx` in onnxruntime."""
 
     def __init__(self, folder: Path, prefix: str, names: Mapping[str, Mapping[str, str]]) -> None:
         self._names = names

@@ -46,7 +46,7 @@ TARGET: Target[TorchExport, None] = Target(
 
 
 class _TorchExport:
-    """The module in `<prefix>.py` with the weights beside it."""
+    """Runs the exported module in `<prefix>.py` with the weights next to it."""
 
     def __init__(self, folder: Path, prefix: str) -> None:
         path = folder / f"{prefix}.py"
@@ -83,7 +83,7 @@ class _TorchExport:
 
 @contextmanager
 def _no_bytecode() -> Generator[None]:
-    """Keeps Python from writing `__pycache__` into the folder of an export."""
+    """A context in which Python writes no `__pycache__` into the folder of an export."""
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield

@@ -12,7 +12,7 @@ def worse_metric(what: str, old: str, new: str, grown: str, span: Span | None) -
 
 
 def breaking_change(part: str, change: str, breaks: str, span: Span | None) -> Diagnostic:
-    """E0872: a change of the interface that those who use the model must follow."""
+    """E0872: a change of the interface that breaks users of the model."""
     repair = "tell who uses it, or leave the interface as it was"
     return error(
         "E0872", span, f"{part}: {change}", "must be followed", notes=(breaks,), help=repair

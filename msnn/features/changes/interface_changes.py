@@ -23,7 +23,7 @@ _Bounds = list[float | None] | None
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """A property as text, and the effect of a change."""
+    """A property of a signal as text, such as its unit, and the effect if it changes."""
 
     name: str
     text: str
@@ -34,7 +34,9 @@ class Property:
     """A range that users rely on: only a wider one breaks them."""
 
     def broken_by(self, new: Property) -> str:
-        """The effect of replacing this property by the new one; empty if compatible."""
+        """The effect on users of the model if this property changes to `new`; empty if it is
+        compatible.
+        """
         if self.allowed is not None and new.allowed is not None:
             return "" if _covers(new.allowed, self.allowed) else self.breaks
         if self.promised is not None and new.promised is not None:
@@ -43,7 +45,7 @@ class Property:
 
 
 def properties(part: Part, item: Mapping[str, Any]) -> tuple[Property, ...]:
-    """The properties of one part, always in the same order."""
+    """The properties of one interface item, such as unit and range, always in the same order."""
     common = (
         Property("unit", item["unit"] or "", "numbers mean something else"),
         Property("shape", _shape(item["axes"]), "arrays have another size"),
@@ -116,7 +118,7 @@ class InterfaceChange:
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """A kind of part, and the effects of adding or removing one."""
+    """A kind of interface item, such as inputs, and the effects of adding or removing one."""
 
     section: str
     part: Part

@@ -24,7 +24,7 @@ def changes_text(found: ModelChanges, margin: float) -> str:
 
 
 def changes_markdown(found: ModelChanges, margin: float) -> str:
-    """The same under a heading, with entries of the spec folded."""
+    """The changes as Markdown below a heading, with entries of the spec folded."""
     head = f"## {found.name}: {verdict(found, margin)}"
     parts = [head, *(table.markdown for table in _tables(found, margin))]
     if specs := _specs_text(found.specs):
@@ -36,7 +36,7 @@ def changes_markdown(found: ModelChanges, margin: float) -> str:
 
 
 def changes_record(found: ModelChanges, margin: float) -> dict[str, Any]:
-    """The same as JSON values."""
+    """All changes between the models as a JSON object; `margin` is that of `ModelChanges.worse`."""
     specs, worse = found.specs, found.worse(margin)
     return {
         "same": specs.is_same,
@@ -71,7 +71,9 @@ def failures(found: ModelChanges, on: Collection[FailOn], margin: float) -> list
 
 
 def verdict(found: ModelChanges, margin: float) -> str:
-    """The summary: `the models differ; 1 change of the interface breaks those who use it`."""
+    """The summary in one line, such as `the models differ; 1 change of the interface breaks those
+    who use it`.
+    """
     sections = listed([f"`{name}`" for name in found.specs.workflow])
     parts = [_SAID[found.specs.kind].format(sections=sections)]
     if breaking := len(found.breaking):

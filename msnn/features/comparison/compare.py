@@ -99,7 +99,7 @@ class Comparison:
 
 
 class Listener(Protocol):
-    """Receives an event for every completed training."""
+    """A receiver of events, one for each completed training."""
 
     def began(self, trials: int) -> None: ...
 
@@ -107,7 +107,7 @@ class Listener(Protocol):
 
 
 class Unheard:
-    """Ignores all events."""
+    """A receiver that ignores all events."""
 
     def began(self, trials: int) -> None:
         del trials
@@ -203,7 +203,9 @@ def compare(
 def _cost_another(
     lines: list[RunLine], ran: Mapping[str, Trial], setup: Setup, log: Path | None
 ) -> None:
-    """Measures the C code of another training of a model if the first was not completed."""
+    """Measures the C code of another training of a variant if the one meant for that was not
+    completed.
+    """
     ended = [line for line in lines if line.state == "finished"]
     if not ended or any(line.cost is not None for line in ended):
         return

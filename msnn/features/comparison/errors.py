@@ -13,7 +13,7 @@ def malformed_grid(text: str) -> Diagnostic:
 
 
 def nothing_held_out(name: str, sets: Sequence[str]) -> Diagnostic:
-    """E0974: a comparison on a set that has no rows."""
+    """E0974: a set without rows, on which models are to be compared."""
     message = f"models are compared on rows that none has seen, and the set `{name}` has none"
     repair = (
         "add a split, such as `--set 'data.split={by: fraction, train: 0.7, val: 0.3}'`, or "
@@ -26,7 +26,7 @@ def nothing_held_out(name: str, sets: Sequence[str]) -> Diagnostic:
 def nothing_in_common(
     first: str, of_first: Sequence[str], other: str, of_other: Sequence[str]
 ) -> Diagnostic:
-    """E0975: models of which nothing alike is measured."""
+    """E0975: models without a common metric."""
     message = f"`{first}` and `{other}` have no metric in common"
     notes = tuple(
         f"`{name}` measures {'; '.join(ways) or 'nothing'}"
@@ -41,7 +41,7 @@ def nothing_in_common(
 
 
 def unknown_criterion(text: str, known: Sequence[str]) -> Diagnostic:
-    """E0976: a comparison by what was not measured of every model."""
+    """E0976: a criterion that was not measured for every model."""
     message = f"`{text}` was not measured of every model"
     notes = (f"measured: {', '.join(known)}",)
     return error("E0976", None, message, notes=notes, help="name one of these with `--by`")
@@ -55,7 +55,7 @@ def killed_again(label: str, times: str) -> Diagnostic:
 
 
 def malformed_draw(text: str) -> Diagnostic:
-    """E0860: what a value is drawn from, where no law is known by that."""
+    """E0860: a distribution to draw values from that is malformed or unknown."""
     message = f"`{text}` is no path, `=` and what the value is drawn from"
     repair = (
         "write `KEY=uniform(0.5, 2)`, `KEY=log(1e-3, 1e-1)`, `KEY=integer(1, 20)`, each with a "
@@ -74,7 +74,7 @@ def wrong_bounds(text: str, why: str) -> Diagnostic:
 
 
 def swept_twice(path: str) -> Diagnostic:
-    """E0862: a value of a spec that is swept twice."""
+    """E0862: a value of a spec that is swept by two options."""
     message = f"`{path}` is swept twice"
     repair = "leave it to one `--grid` or `--draw`"
     return error("E0862", None, message, help=repair)
@@ -88,14 +88,14 @@ def set_and_swept(path: str, swept: str) -> Diagnostic:
 
 
 def nothing_drawn(count: int) -> Diagnostic:
-    """E0863: a number of draws where nothing is drawn."""
+    """E0863: `--draws` without a value to draw."""
     message = f"{count} draws are asked for, and no value is drawn"
     repair = "say which: `--draw 'parameters.k.init=log(1, 100)'`, or leave out `--draws`"
     return error("E0863", None, message, help=repair)
 
 
 def unusable_cluster(address: str, why: str) -> Diagnostic:
-    """E0864: a Ray cluster that trainings cannot run on."""
+    """E0864: a Ray cluster that cannot be used."""
     message = f"trainings cannot run on the Ray cluster `{address}`: {why}"
     repair = (
         "give the address that `ray start --head` prints, `auto` on a node of the cluster, or "
@@ -105,28 +105,28 @@ def unusable_cluster(address: str, why: str) -> Diagnostic:
 
 
 def nothing_proposed() -> Diagnostic:
-    """E0854: a search that is not told what to choose from."""
+    """E0854: `--optuna` without a value to choose."""
     message = "Optuna is to propose values, and nothing says of what"
     repair = "say it: `--draw 'parameters.k.init=log(1, 100)'`; `choice(a, b)` for words"
     return error("E0854", None, message, help=repair)
 
 
 def grid_of_a_search(path: str) -> Diagnostic:
-    """E0855: a grid beside a search."""
+    """E0855: `--grid` together with `--optuna`."""
     message = f"`--grid {path}=…` trains every choice, and `--optuna` the promising ones"
     repair = f"leave the choice to the search, `--draw '{path}=choice(…)'`, or sweep without it"
     return error("E0855", None, message, help=repair)
 
 
 def study_in_memory(storage: str) -> Diagnostic:
-    """E0859: a storage that is gone when the command ends."""
+    """E0859: an Optuna storage that exists only in memory."""
     message = f"Optuna would keep its study of `{storage}` in memory, where it ends with the sweep"
     repair = "give a file, `--optuna runs/study.db`, or a database, `--optuna postgresql://…`"
     return error("E0859", None, message, help=repair)
 
 
 def lost_study(storage: str, why: str) -> Diagnostic:
-    """E0858: a storage that fails while a search is under way."""
+    """E0858: an Optuna storage that fails during a sweep."""
     message = f"Optuna's study in `{storage}` cannot be used any more: {why}"
     repair = (
         "see to the file or the database, and run the same command again: it trains nothing again "
@@ -136,7 +136,7 @@ def lost_study(storage: str, why: str) -> Diagnostic:
 
 
 def unusable_study(storage: str, why: str) -> Diagnostic:
-    """E0856: a storage in which Optuna can keep no study."""
+    """E0856: a storage that Optuna cannot use."""
     message = f"Optuna cannot keep its study in `{storage}`: {why}"
     repair = "give a file, `--optuna runs/study.db`, or a database, `--optuna postgresql://…`"
     return error("E0856", None, message, help=repair)

@@ -61,7 +61,7 @@ def outcomes(
 
 @dataclass(slots=True)
 class _Shared:
-    """The arguments that a worker received at its start."""
+    """The arguments that a worker process received at its start."""
 
     setup: Setup | None = None
     known: Mapping[str, RunLine] | None = None
@@ -95,7 +95,7 @@ class _Worker:
         self.future = self._pool.submit(_in_worker, trial)
 
     def ended(self) -> tuple[Trial, TrialOutcome | None]:
-        """The completed trial; outcome None if the process was killed."""
+        """The trial that has ended, with its outcome; outcome None if the process was killed."""
         assert self.trial is not None
         assert self.future is not None
         trial, future = self.trial, self.future
@@ -149,7 +149,7 @@ class _Workers:
         return any(worker.trial is not None for worker in self._all)
 
     def ended(self) -> list[tuple[Trial, TrialOutcome | None]]:
-        """At least one completed trial; outcome None if its process was killed."""
+        """Waits for at least one trial to end; outcome None if its process was killed."""
         running = {worker.future: worker for worker in self._all if worker.future is not None}
         # whichever ends first: variants take different times
         done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -214,12 +214,12 @@ def group_of(trial: Trial | None) -> Group | None:
 
 
 def nothing_more() -> Sequence[Trial]:
-    """No further trials: all were known at the start."""
+    """No further trials, for comparisons whose trials are all known at the start."""
     return ()
 
 
 class Waiting:
-    """Trials that have not begun; `more` provides others when there are none."""
+    """A queue of trials that have not begun; `more` is called for further ones when it is empty."""
 
     def __init__(
         self, trials: Sequence[Trial], more: Callable[[], Sequence[Trial]] = nothing_more

@@ -166,7 +166,8 @@ class Proposals:
 
     @contextmanager
     def _kept(self) -> Generator[None]:
-        """Raises SpecError if the storage fails, e.g. a full disk or a lost server.
+        """A context that raises SpecError if the storage fails, e.g. by a full disk or a lost
+        server.
 
         Used only around calls of Optuna, so that internal errors are not reported as storage
         errors.
@@ -227,14 +228,14 @@ def _reason(error: Exception) -> str:
 
 
 def _text(axis: DrawAxis, value: object) -> str:
-    """The value as text for labels and training."""
+    """A proposed value as text for labels and for the spec."""
     if isinstance(axis.law, Bounds) and isinstance(value, int | float):
         return axis.law.text(value)
     return str(value)
 
 
 def _score(lines: Sequence[RunLine], wanted: str | None) -> float:
-    """The mean over seeds and folds; NaN if a training was not completed."""
+    """The mean of the criterion over seeds and folds; NaN if a training was not completed."""
     if any(line.state != "finished" for line in lines):
         return math.nan
     criterion = chosen_criterion(lines, wanted)

@@ -41,7 +41,7 @@ class Criterion:
 
     @property
     def heading(self) -> str:
-        """`x_next rmse [m], 50 steps`."""
+        """The heading of its column, such as `x_next rmse [m], 50 steps`."""
         if self.way is None:
             return "monitor"
         of, rollout, unit = self.way
@@ -54,7 +54,9 @@ MONITOR = Criterion(None, "monitor")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranked:
-    """One model: mean and standard deviation over its seeds and folds."""
+    """A variant in the ranking, with mean and standard deviation of its score over seeds
+    and folds.
+    """
 
     variant: Variant
     lines: tuple[RunLine, ...]
@@ -152,7 +154,7 @@ def common_ways(lines: Sequence[RunLine]) -> tuple[Way, ...]:
 
 
 def _told(line: RunLine) -> list[str]:
-    """A text for each measurement of a model: `y in m, record`."""
+    """Texts about the measurements of a model, such as `y in m, record`."""
     return [
         f"{of} in {unit}, {rollout}" if unit else f"{of}, {rollout}"
         for of, rollout, unit in (each.way for each in line.held_out)
@@ -174,7 +176,10 @@ def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
 
 
 def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
-    """The metric named by `wanted` among those measured. Raises SpecError."""
+    """The metric that the text `wanted` names, such as `x_next.fit`.
+
+    Raises SpecError if it is not measured.
+    """
     measured, _, rollout = wanted.partition(":")
     of, _, metric = measured.rpartition(".")
     for each in shared:

@@ -30,7 +30,7 @@ Files = Mapping[str, bytes]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SentTrial:
-    """A trial to send; shared parts are references to the object store."""
+    """A trial that is sent to a node; shared parts are references to Ray's object store."""
 
     trial: Trial
     line: RunLine
@@ -43,7 +43,7 @@ class SentTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """Trials of a variant that are trained one after the other."""
+    """Several trials of a variant that a node trains one after the other."""
 
     trials: tuple[SentTrial, ...]
     model: Any

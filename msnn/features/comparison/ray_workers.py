@@ -44,7 +44,7 @@ _STORED = 64
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """A running task, and its trials."""
+    """A task that runs on a node, and its trials."""
 
     task: Task
     ready: tuple[ReadyTrial, ...]
@@ -90,7 +90,7 @@ def ray_outcomes(
 
 @dataclass(slots=True)
 class _Cluster:
-    """A connection to Ray, and the running tasks."""
+    """A connection to a Ray cluster, with the tasks that run on it."""
 
     address: str
     setup: Setup
@@ -152,7 +152,9 @@ class _Cluster:
         return max(1, min(int(_TOGETHER / self._seconds), waiting // self._cores))
 
     def start(self, ready: Sequence[ReadyTrial], shared: Model) -> None:
-        """Sends a task: the model, sets and recordings of rows, references to series."""
+        """Starts a task on a node: sends the model, sets and recordings, and references to the
+        series.
+        """
 
         def bare() -> Model:
             # paths of this machine mean nothing on a node; weights of sub-models are in the program

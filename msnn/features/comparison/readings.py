@@ -74,7 +74,7 @@ def data_key(variant: Variant) -> DataKey:
 
 @dataclass(slots=True)
 class Latest(Generic[Value]):
-    """A cache of the `most` most recently used values."""
+    """A cache of at most `most` values; the least recently used one is dropped first."""
 
     most: int
     _kept: OrderedDict[Hashable, Value] = field(init=False)

@@ -16,7 +16,7 @@ from spec_schema.diagnostics.source import printable
 
 
 def comparison_table(found: Comparison, most: int | None = None) -> str:
-    """The text of `comparison_cells`."""
+    """The ranking as a printed table; see `comparison_cells`."""
     return comparison_cells(found, most).text
 
 
@@ -123,7 +123,9 @@ def comparison_record(found: Comparison) -> dict[str, Any]:
 
 
 def _others(found: Comparison) -> list[Criterion]:
-    """Further columns: the fit of the ranked output, and the first metric of each other one."""
+    """Further columns of the table: the fit of the ranked output, and the first metric of each
+    other one.
+    """
     shown: list[Criterion] = []
     lines = [line for entry in found.entries for line in entry.lines]
     for way in found.ways:

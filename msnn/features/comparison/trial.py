@@ -57,7 +57,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """The common settings of all trials of a comparison."""
+    """The settings that all trials of a comparison share."""
 
     data: Frames | None
     data_root: Path | None
@@ -70,7 +70,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class TrialOutcome:
-    """The result of a trial."""
+    """The result of a trial: its line in `runs.jsonl`, and if it was trained now."""
 
     line: RunLine
     is_new: bool
@@ -174,7 +174,7 @@ def killed(trial: Trial, times: str) -> TrialOutcome:
 
 
 def refused(line: RunLine, error: SpecError | MissingExtraError) -> TrialOutcome:
-    """The outcome of a trial that cannot be trained, with the reason."""
+    """The outcome of a trial that cannot be trained; its line has the error as reason."""
     found = error.diagnostics if isinstance(error, SpecError) else [error.diagnostic]
     sources = error.sources if isinstance(error, SpecError) else ()
     reason = render(found, "full", sources)
@@ -262,7 +262,7 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
 def _measured(
     model: Model, data: Dataset, weights: Mapping[str, FloatArray], name: str
 ) -> tuple[Measured, ...]:
-    """The metrics of the spec on the rows of a set."""
+    """The metrics of the spec's `validate` section, evaluated on the set `name`."""
     checks, stages = model.spec.checks, model.spec.train
     found = validate(
         model.program, data, checks, weights, on=name, judges_errors=False, stages=stages
@@ -282,7 +282,7 @@ class _Heard(Silent):
 
 @dataclass(slots=True)
 class TrialLists:
-    """The trainings of each variant; the number of folds is determined once per dataset."""
+    """Lists the trials of variants: one for each seed and fold."""
 
     seeds: int
     folds: bool

@@ -28,7 +28,7 @@ Grid: TypeAlias = "Sequence[str] | Mapping[str, Sequence[object]]"
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A spec with overridden values."""
+    """A spec with overridden values, which is trained and compared."""
 
     spec: Path
     settings: tuple[str, ...]
@@ -41,7 +41,7 @@ class Variant:
 
 @dataclass(frozen=True, slots=True)
 class GridAxis:
-    """A value of the spec, and the values to try."""
+    """A key of the spec, and the values of it to try."""
 
     path: str
     values: tuple[str, ...]
@@ -50,7 +50,7 @@ class GridAxis:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """Drawn values of these paths, one row per draw."""
+    """Random values of several keys, one row per draw."""
 
     paths: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
@@ -71,7 +71,7 @@ def grid_axis(text: str) -> GridAxis:
 
 
 def grid_axes(grid: Grid) -> list[GridAxis]:
-    """The axes of texts, or of a mapping from path to values. Raises SpecError."""
+    """The axes of a grid, from texts or from a mapping of keys to values. Raises SpecError."""
     if isinstance(grid, Mapping):
         return [
             GridAxis(one_path(path), tuple(map(value_text, values)))
@@ -147,7 +147,7 @@ _DIGITS = 6
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Numbers from `low` to `high`: uniform, log-uniform (`log`), or integer."""
+    """A random distribution between `low` and `high`: uniform, log-uniform (`log`), or integer."""
 
     law: Law
     low: float
@@ -179,7 +179,7 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """One of these values with equal probability; texts in YAML syntax."""
+    """A random choice between values with equal probability; texts are in YAML syntax."""
 
     values: tuple[str, ...]
 
@@ -192,7 +192,7 @@ class Listed:
 
 @dataclass(frozen=True, slots=True)
 class DrawAxis:
-    """A value of the spec, and its distribution."""
+    """A key of the spec whose values are drawn at random, and their distribution."""
 
     path: str
     law: Bounds | Listed
@@ -200,7 +200,7 @@ class DrawAxis:
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """The drawn values, the number of draws, and their seed."""
+    """The keys whose values are drawn at random, the number of draws, and the seed."""
 
     axes: tuple[DrawAxis, ...] = ()
     count: int = 0
@@ -223,7 +223,9 @@ class Draws:
 
     @property
     def each_choice(self) -> Drawn:
-        """Rows that contain every choice, with lower bounds for numbers, for an early check."""
+        """Few rows in which every listed value occurs, with the lower bounds of numbers, for an
+        early check.
+        """
         choices = [
             axis.law.values if isinstance(axis.law, Listed) else (axis.law.text(axis.law.low),)
             for axis in self.axes

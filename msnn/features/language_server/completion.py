@@ -73,7 +73,9 @@ class Item:
 
 @dataclass(frozen=True)
 class Completion:
-    """Proposals for a range of the text; incomplete if there are too many."""
+    """The proposals at a position, and the range that they replace; `is_whole` is false if some are
+    missing.
+    """
 
     items: tuple[Item, ...]
     range: TextRange
@@ -174,7 +176,7 @@ def _keys(place: SchemaPlace, view: View, position: Position) -> Iterator[Item]:
 
 
 def _named_keys(gathering: Gathering | None, view: View) -> Iterator[Known]:
-    """The existing names that may be keys; none where keys are new names."""
+    """The declared names that may be keys here; none where keys are new names."""
     if gathering is None or gathering.schema is declarations:
         return
     of_parts = gathering.schema is member_keys

@@ -13,7 +13,7 @@ from spec_schema.registry import PARTS
 
 @dataclass(frozen=True)
 class Definition:
-    """A place in a file."""
+    """The place of a declaration: a file, and a range in it."""
 
     path: str
     range: TextRange

@@ -32,7 +32,7 @@ _OF_SIGNALS = {
 
 @dataclass(frozen=True)
 class Hover:
-    """Markdown for a range of the text."""
+    """A description in Markdown, and the range of the text that it is about."""
 
     text: str
     range: TextRange
@@ -88,7 +88,7 @@ def _of_name(name: str, view: View) -> str | None:
 
 
 def name_text(known: Known) -> str:
-    """The Markdown about a name."""
+    """A description of a name of the model, in Markdown."""
     return "\n\n".join([f"**{known.name}**, {known.kind.value}", *_facts(known)])
 
 
@@ -114,7 +114,7 @@ def _of_language(name: str) -> str | None:
 
 
 def function_text(name: str, signature: Signature) -> str:
-    """The Markdown about a builtin."""
+    """A description of a function of the language, in Markdown."""
     keywords = "".join(f", `{keyword}=`" for keyword in signature.keywords)
     return f"**{name}**, {signature.wanted}{keywords}\n\n{signature.doc}"
 

@@ -24,7 +24,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """A name with its kind and the compiler's information."""
+    """A name of the model: its kind, place, and what the compiler knows of it."""
 
     name: str
     kind: Kind
@@ -44,7 +44,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """All names of a model, with dotted names of sub-models, and the files of the model."""
+    """The names of a model by name, those of sub-models with dots, and the texts of its files."""
 
     names: Mapping[str, Known] = field(default_factory=dict[str, Known])
     sources: Mapping[str, SourceText] = field(default_factory=dict[str, SourceText])
@@ -141,7 +141,7 @@ def members(names: Mapping[str, Known], base: str) -> Iterator[Known]:
 
 @dataclass(frozen=True)
 class Examined:
-    """The diagnostics of a text, and information about the model if it compiles."""
+    """The result of a check: the diagnostics of a text, and its names if the model compiles."""
 
     diagnostics: tuple[Diagnostic, ...]
     sources: Mapping[str, SourceText] = field(default_factory=dict[str, SourceText])

@@ -32,7 +32,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Repair:
-    """A text that replaces the range of a problem."""
+    """A quick fix: the text that replaces the range of a problem."""
 
     problem: Problem
     title: str

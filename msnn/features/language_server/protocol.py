@@ -26,7 +26,7 @@ _SYMBOLS = {
 
 
 def range_to(range: TextRange) -> types.Range:
-    """A range."""
+    """A range in the type of the protocol."""
     return types.Range(_position(range.start), _position(range.end))
 
 
@@ -62,12 +62,12 @@ def action_of(repair: Repair, address: str) -> types.CodeAction:
 
 
 def location_of(found: Definition) -> types.Location:
-    """A place in a file."""
+    """The place of a definition in the type of the protocol."""
     return types.Location(_address(found.path), range_to(found.range))
 
 
 def completion_list(found: Completion) -> types.CompletionList:
-    """Proposals in order."""
+    """The proposals in the type of the protocol, in their order."""
     range = range_to(found.range)
     items = [_item(item, number, range) for number, item in enumerate(found.items)]
     return types.CompletionList(is_incomplete=not found.is_whole, items=items)

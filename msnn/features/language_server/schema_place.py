@@ -15,7 +15,7 @@ from spec_schema.sections.spec import Spec
 
 @dataclass(frozen=True)
 class SchemaPlace:
-    """The schema of a value: its type, annotations, and its key in an entry."""
+    """The schema at a place of a spec: the type and annotations of its value, and its key."""
 
     kind: Kind
     notes: tuple[Any, ...] = ()
@@ -63,7 +63,7 @@ class SchemaPlace:
         return ("true", "false") if is_switch else tuple(map(str, schema.get("enum", ())))
 
     def below(self, step: str) -> SchemaPlace:
-        """The schema below a key, name or item."""
+        """The schema below a key, a name or the index of an item."""
         # the same walk as that of `--set`, so that editors and command line agree on what is a key
         kind = inside(self.kind, step)
         entry = self.entry

@@ -36,7 +36,7 @@ class Word:
 
     @property
     def heading(self) -> Heading:
-        """Its place."""
+        """The place of the name as a heading of the text."""
         return Heading(self.text, self.line, self.start, self.line)
 
 
@@ -79,7 +79,7 @@ class View:
         return known.place if found is None else span_of(found[1], self.source)
 
     def cursor(self, position: Position) -> Cursor:
-        """The path and text at a position."""
+        """The keys that lead to a position, and the text before it."""
         return cursor_at(self.source, *offset_of(position, self.source))
 
     def is_comment(self, position: Position) -> bool:

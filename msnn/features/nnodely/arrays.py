@@ -35,7 +35,7 @@ class NotTranslatedError(Exception):
 
 
 def tensor(value: Any) -> Elements:
-    """Numbers, lists of numbers or terms as an array."""
+    """An array of terms from a number, a term or nested lists of numbers."""
     if isinstance(value, np.ndarray):
         return cast("Elements", value)
     if isinstance(value, Term):
@@ -61,7 +61,7 @@ def _filled(value: Term) -> Elements:
 
 
 def elementwise(make: Callable[..., Term], *operands: Any) -> Elements:
-    """A function of one element of each, with broadcasting as in torch and numpy."""
+    """Applies `make` to the elements of operands, with broadcasting as in torch and numpy."""
     arrays = [_operand(operand) for operand in operands]
     try:
         together = np.broadcast_shapes(*(array.shape for array in arrays))
@@ -91,7 +91,7 @@ def _term(value: Any) -> Term:
 
 
 def total(terms: Sequence[Term]) -> Term:
-    """The sum of terms; zeros are omitted."""
+    """A term for the sum of terms; zeros are omitted."""
     kept = [t for t in terms if not (isinstance(t.head, Number) and t.head.value == 0)]
     return reduce(plus, kept) if kept else number(0)
 
@@ -108,7 +108,9 @@ def product(left: Term, right: Term) -> Term:
 
 
 def summed(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> Elements:
-    """The sum over axes, by default over all."""
+    """Sums an array over the axes `dim`, by default over all; `keepdim` keeps them with
+    length 1.
+    """
     axes = range(array.ndim) if dim is None else (dim,) if isinstance(dim, int) else tuple(dim)
     axes = {axis % max(array.ndim, 1) for axis in axes}
     # what is summed moves behind, in its order: terms are added as torch's memory has them
@@ -124,7 +126,7 @@ def summed(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> E
 
 
 def averaged(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> Elements:
-    """The mean over axes."""
+    """The mean over axes, by default over all."""
     sums = summed(array, dim, keepdim)
     count = array.size // max(sums.size, 1)
     # Σ / n, as torch divides
@@ -132,7 +134,7 @@ def averaged(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) ->
 
 
 def matmul(left: Elements, right: Elements) -> Elements:
-    """The matrix product as torch has it, batches included."""
+    """The matrix product as in torch, with batches; raises NotTranslatedError for scalars."""
     if left.ndim == 0 or right.ndim == 0:
         raise NotTranslatedError("a matrix product of a scalar")
     # a vector is a row on the left and a column on the right; its axis is dropped at the end
@@ -160,7 +162,7 @@ def softmax(array: Elements, dim: int) -> Elements:
 
 
 def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:
-    """The maximum or minimum along an axis."""
+    """The maximum or minimum (`name` is `max` or `min`) along an axis, element by element."""
     moved = np.moveaxis(array, dim, -1)
     out = np.empty(moved.shape[:-1], dtype=object)
     for index in np.ndindex(*out.shape):
@@ -170,7 +172,7 @@ def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:
 
 
 def shaped(array: Elements, shape: Sequence[int]) -> Elements:
-    """Reshapes; −1 is inferred."""
+    """Reshapes an array; −1 is inferred."""
     try:
         return array.reshape(tuple(shape))
     except (ValueError, TypeError):
@@ -185,20 +187,20 @@ def squeezed(array: Elements, dim: int | None) -> Elements:
 
 
 def repeated(array: Elements, counts: Sequence[int]) -> Elements:
-    """Copies along each axis."""
+    """Repeats an array `counts` times along each axis, as numpy's `tile`."""
     refuse_large(float(np.prod([float(n) for n in counts])) * array.size)
     return np.tile(array, tuple(counts))
 
 
 def expanded(array: Elements, shape: Sequence[int]) -> Elements:
-    """Expands axes of length 1; −1 keeps an axis."""
+    """Repeats axes of length 1 to the lengths in `shape`, as torch's `expand`; −1 keeps an axis."""
     old = (1,) * (len(shape) - array.ndim) + array.shape
     wanted = [n if m == -1 else m for m, n in zip(shape, old, strict=True)]
     return np.broadcast_to(array.reshape(old), wanted)
 
 
 def parts(array: Elements, size: int | Sequence[int], dim: int) -> list[Elements]:
-    """Splits along an axis into parts of one size, or of given sizes."""
+    """Splits an array along an axis into parts of one size, or of given sizes."""
     length = array.shape[dim]
     sizes = [size] * -(-length // size) if isinstance(size, int) else list(size)
     return list(np.split(array, np.cumsum(sizes)[:-1], axis=dim))

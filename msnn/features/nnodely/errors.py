@@ -9,14 +9,14 @@ from spec_schema.diagnostics.source import Span
 
 
 def not_json(file: str, reason: str, label: str, place: Span | None) -> Diagnostic:
-    """E1308: a file that is not JSON, or more than is read."""
+    """E1308: a file that is not JSON, or is too large."""
     repair = "`model.saveModel()` of nnodely 1.x writes the file that is read here"
     shown = Path(file).name or file  # a folder such as `.` has no name
     return error("E1308", place, f"{shown} is no saved model: {reason}", label, help=repair)
 
 
 def wrong_json(path: str, reason: str, place: Span) -> Diagnostic:
-    """E1309: a value of the file that has another form than nnodely writes."""
+    """E1309: a value of the file that nnodely does not write in this form."""
     return error("E1309", place, f"`{path}`: {reason}", "this value")
 
 
@@ -46,7 +46,7 @@ def untranslated(path: str, line: str, reason: str, place: Span) -> Diagnostic:
 
 
 def circle(names: list[str], place: Span) -> Diagnostic:
-    """E1314: relations that need each other within one step."""
+    """E1314: relations that depend on each other within one step."""
     listed = " → ".join(f"`{name}`" for name in names)
     return error("E1314", place, f"relations need each other within one step: {listed}", "here")
 
@@ -58,19 +58,19 @@ def without_values(name: str, place: Span) -> Diagnostic:
 
 
 def file_exists(file: str) -> Diagnostic:
-    """E1316: a file that an import would replace."""
+    """E1316: a file that an import would overwrite."""
     return error("E1316", None, f"{file} exists already", help="name another file by `-o FILE`")
 
 
 def does_not_compile(reason: str) -> Diagnostic:
-    """E1317: a model that is read, and whose spec then is refused."""
+    """E1317: a model that was read, but whose spec does not compile."""
     message = "the model is read, but its spec does not compile"
     repair = "where the reason is a limit, make the model smaller; else please report it"
     return error("E1317", None, message, notes=(reason,), help=repair)
 
 
 def fed_back_late(name: str, samples: int, place: Span) -> Diagnostic:
-    """W1303: a closed loop that writes into a future sample of its own target."""
+    """W1303: a closed loop that is fed back late, because the future of its target is read too."""
     later = f"{samples} sample{'s' if samples > 1 else ''} late"
     message = f"nnodely feeds `{name}` back {later}, since its future is read too, as a target"
     return warning(
@@ -83,14 +83,14 @@ def fed_back_late(name: str, samples: int, place: Span) -> Diagnostic:
 
 
 def nearest_knot(name: str, place: Span) -> Diagnostic:
-    """W1304: a table that nnodely reads by another line than the one around the value."""
+    """W1304: a table that nnodely interpolates by the line of the nearest knot."""
     message = f"nnodely goes along the line of the nearest knot of `{name}`, with jumps between"
     repair = "the spec does the same: `interpolation` of the language joins its knots"
     return warning("W1304", place, message, "this table", help=repair)
 
 
 def renamed(old: str, new: str, place: Span) -> Diagnostic:
-    """W1305: a name that the language cannot have."""
+    """W1305: a name that the language does not allow."""
     return warning("W1305", place, f"`{old}` is called `{new}` in the spec", "this name")
 
 
@@ -101,7 +101,7 @@ def rounded_window(name: str, seconds: float, samples: int, place: Span) -> Diag
 
 
 def starts_at_zero(name: str, place: Span) -> Diagnostic:
-    """W1307: a fed-back input that cannot start from the log."""
+    """W1307: a fed-back input whose initial value cannot be read from the recording."""
     message = f"`{name}` starts at 0: the log does not begin what feeds it back"
     return warning("W1307", place, message, "this input")
 

@@ -44,12 +44,14 @@ _LONGEST = 40
 
 
 class NotRecognisedError(Exception):
-    """The relations of a recognised group must be followed one by one."""
+    """A recognised group cannot be translated as a whole; its relations are translated one
+    by one.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """A function of the spec."""
+    """A function that the spec declares: its arguments and its formula."""
 
     args: tuple[str, ...]
     text: str
@@ -57,7 +59,7 @@ class Formula:
 
 @dataclass(slots=True, kw_only=True)
 class Functions:
-    """The functions of the file, and those of the spec."""
+    """Translates functions of the saved model to formulas of the spec."""
 
     file: File
     text: JsonText
@@ -75,7 +77,9 @@ class Functions:
     )
 
     def called(self, key: str, operands: Sequence[Value | str], relation: str) -> Value:
-        """Calls a function of the file with streams, named matrices and its own arrays."""
+        """The value of a call of a function of the file with streams, matrices and its own
+        arrays.
+        """
         given = self.file.Functions.get(key)
         if given is None or given.code is None or given.name is None:
             raise ShapeError(f"`{key}` is no function of the file")
@@ -113,7 +117,7 @@ class Functions:
         return one_piece(term)
 
     def of_offset(self, key: str) -> str | None:
-        """The function of the distance to the centre that a fuzzy set uses."""
+        """The name of the function that gives the membership from the distance to the centre."""
         code, name, place = self._membership(key, 0)
         function = self._parsed(place, code, name)
         try:
@@ -124,7 +128,7 @@ class Functions:
             raise self._refused(f"Functions.{key}", place, code, fault) from None
 
     def membership(self, key: str, index: int, center: float, value: Value) -> Value:
-        """A fuzzy set has another function than its neighbours."""
+        """The membership in one fuzzy set, if the sets have different functions."""
         code, name, place = self._membership(key, index)
         function = self._parsed(place, code, name)
         offset = self.values.elementwise(minus, value, one_piece(number(center)))
@@ -193,7 +197,7 @@ class Functions:
         *,
         batched: bool,
     ) -> Value | None:
-        """The function on complete values; None if elements are needed."""
+        """The result of a function on complete values; None if it needs single elements."""
         front = (1,) if batched else ()
         windows = {value.window for value in streams} - {1}
         if any(len(value.pieces) > 1 for value in streams) or len(windows) > 1:
@@ -225,7 +229,9 @@ class Functions:
         return one_piece(Term(term.head, term.args, term.window, shape[2]))
 
     def _formula(self, function: ast.FunctionDef, key: Any, wholes: Sequence[Whole]) -> str | None:
-        """The function of the spec for arguments of these shapes; None if it is too long."""
+        """The name of a function of the spec for arguments of these shapes; None if its formula is
+        too long.
+        """
         known = (key, tuple(whole.shape for whole in wholes))
         if known in self._formulas:
             return self._formulas[known]

@@ -64,7 +64,9 @@ class ImportedModel:
 
 
 def import_text(text: str, file_name: str, name: str) -> ImportedModel:
-    """The model in a JSON text. Raises SpecError for errors and unsupported parts."""
+    """Converts the JSON text of a saved model. Raises SpecError for errors and unsupported
+    parts.
+    """
     read = read_json(text, file_name)
     file = read_file(read)
     known = Loops()
@@ -145,7 +147,7 @@ class _Import:
         self._values = values
 
     def model(self) -> ImportedModel:
-        """Translates outputs, then feedback, then losses, and assembles the spec."""
+        """Converts outputs, then feedback, then losses, and assembles the spec."""
         outputs = {
             old: self._whole(source, ("Outputs", old)) for old, source in self._file.Outputs.items()
         }
@@ -271,7 +273,7 @@ class WrittenImport:
 
 
 def write_import(file: Path, out: Path | None) -> WrittenImport:
-    """The spec and the weights of a saved model, as files."""
+    """Converts a saved model and writes its spec and weights as files."""
     read = read_text(file)
     # a folder exists; the file of that name in it is not what was said
     if out is not None and out.is_dir():
@@ -301,7 +303,7 @@ def write_import(file: Path, out: Path | None) -> WrittenImport:
 
 
 def compiled(model: ImportedModel, file: str, path: Path, weights: str) -> tuple[str, Program]:
-    """The text of the spec and its program. Raises SpecError if it does not compile."""
+    """The text of the converted spec and its program. Raises SpecError if it does not compile."""
     try:
         # compiled as it will be read, from its text
         text = spec_text(model, file, weights)
@@ -313,7 +315,7 @@ def compiled(model: ImportedModel, file: str, path: Path, weights: str) -> tuple
 
 
 def spec_text(model: ImportedModel, file: str, weights: str) -> str:
-    """The text of the spec."""
+    """The text of the converted spec, with a comment about its origin."""
     sections = [yaml_text({key: value}) for key, value in model.spec.items()]
     head, rest = "".join(sections[:3]), "\n".join(sections[3:])
     # a line break in the name of a file would end the comment

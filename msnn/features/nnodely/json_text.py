@@ -42,7 +42,7 @@ class JsonText:
     places: Mapping[Path, tuple[int, int]]
 
     def place(self, *path: str | int) -> Span:
-        """The place of the value at a path, or of the nearest enclosing one."""
+        """The place in the file of the value at a path, or of the nearest enclosing value."""
         while path and path not in self.places:
             path = path[:-1]
         start, end = self.places[path]

@@ -30,7 +30,9 @@ from spec_schema.diagnostics.source import Span
 
 @dataclass(frozen=True, slots=True)
 class Weighted:
-    """A relation with a matrix and an optional offset; equal ones share a layer."""
+    """A relation of nnodely with a matrix and an optional offset; equal ones share one layer of the
+    spec.
+    """
 
     kind: str
     weight: str
@@ -40,7 +42,7 @@ class Weighted:
 
 @dataclass(slots=True, kw_only=True)
 class Layers:
-    """Declares layers in the spec."""
+    """Collects the layers that the spec declares."""
 
     names: TakenNames
     dims: Dims
@@ -54,7 +56,7 @@ class Layers:
     _known: dict[Any, str] = field(default_factory=dict[Any, str])
 
     def fir(self, layer: Weighted, value: Value) -> Value:
-        """Σₖ W[k, o] x[t − n + 1 + k] + b[o]."""
+        """The value of a filter: Σₖ W[k, o] x[t − n + 1 + k] + b[o]."""
         weight = self.matrix(layer, value.window)
         if value.dim != 1:
             raise ShapeError(f"a filter of {value.dim} elements")
@@ -69,21 +71,21 @@ class Layers:
         return Value(1, out, (term,))
 
     def linear(self, layer: Weighted, value: Value) -> Value:
-        """Σᵢ W[i, o] x[i] + b[o], sample by sample."""
+        """The value of a linear map of each sample: Σᵢ W[i, o] x[i] + b[o]."""
         weight = self.matrix(layer, value.dim)
         out = weight.shape[1]
         name = self._layer("linear", layer, weight, (value.dim, "dim"))
         return self.values.along(lambda term: call(name, term, dim=out), value, out)
 
     def declare(self, wanted: str, key: Any, settings: dict[str, Any]) -> str:
-        """A layer with settings; equal keys share one layer."""
+        """The name of a layer with these settings; equal keys share one layer."""
         if key not in self._known:
             self._known[key] = self.names.free(wanted)
             self.declared[self._known[key]] = settings
         return self._known[key]
 
     def along_other(self, term: Term, kind: str) -> Term:
-        """A copy of fuzzy sets along a separate dimension."""
+        """A copy of a term of fuzzy sets, along a dimension of its own."""
         head = term.head
         settings = self.declared.get(head.name) if isinstance(head, Call) else None
         if not isinstance(head, Call) or settings is None or "fuzzify" not in settings:
@@ -94,7 +96,9 @@ class Layers:
         return Term(Call(name), term.args, term.window, term.dim)
 
     def matrix(self, layer: Weighted, rows: int) -> NDArray[np.float64]:
-        """The weights of a layer over so many samples or elements, with fitting offsets."""
+        """The weights of a layer, checked: their first axis has `rows` elements, and
+        offsets fit.
+        """
         weight = self.parameters.numbers(layer.weight).values
         if weight.ndim != 2 or weight.shape[0] != rows:
             shape = " × ".join(map(str, weight.shape)) or "one number"

@@ -14,7 +14,7 @@ _LONGEST = 60
 
 
 class TakenNames:
-    """The used names, and the new name of each old one."""
+    """The names that the spec already uses, and the new name of each old one."""
 
     def __init__(self) -> None:
         # functions of the language and its words: an entry of that name could not be told from them
@@ -48,7 +48,7 @@ def legal_name(wanted: str) -> str:
 
 
 class Dims:
-    """The dimensions that a spec declares."""
+    """The dimensions that the spec declares, one for each size and kind."""
 
     def __init__(self, free_name: Callable[[str], str]) -> None:
         self._free_name = free_name
@@ -57,7 +57,7 @@ class Dims:
         self._labelled: set[str] = set()
 
     def of(self, size: int, kind: str = "dim") -> str:
-        """The dimension of that size and kind."""
+        """The name of the dimension with that size and kind; declares it if needed."""
         key = (kind, size)
         if key not in self._names:
             self._names[key] = self._free_name(f"{kind}{size}")
@@ -65,7 +65,7 @@ class Dims:
         return self._names[key]
 
     def label(self, dim: str, index: int) -> str:
-        """The label of an element, which adds labels to the dimension."""
+        """The label of an element of a dimension; the dimension then has labels."""
         self._labelled.add(dim)
         return f"{dim}_{index}"
 

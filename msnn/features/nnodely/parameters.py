@@ -30,7 +30,7 @@ _IN_ONE_TEXT = 150
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """The elements of an array, and its axes in a spec."""
+    """An array of the saved model: its values, and its axes in the spec."""
 
     name: str
     values: NDArray[np.float64]
@@ -47,7 +47,9 @@ class Numbers:
 
 @dataclass(slots=True, kw_only=True)
 class Parameters:
-    """The arrays of the file, and their declarations in the spec."""
+    """The arrays of the saved model, and the parameters and constants that the spec declares for
+    them.
+    """
 
     text: JsonText
     parameters: dict[str, Array]
@@ -99,7 +101,7 @@ class Parameters:
         return round(steps) if abs(steps) < 1e15 else 0
 
     def operand(self, name: str) -> Value | None:
-        """A parameter or constant as an operand; None for a matrix."""
+        """A parameter or constant as an operand of other relations; None for a matrix."""
         found = self.numbers(name)
         shape = list(found.values.shape)
         size = shape[-1] if shape else 1
@@ -115,13 +117,13 @@ class Parameters:
         return self.has(name) and self.operand(name) is None
 
     def term(self, name: str) -> Term:
-        """The complete array, which is then declared."""
+        """The array as a term; the spec then declares it."""
         if name not in self._terms:
             self._terms[name] = self._declare(name)
         return self._terms[name]
 
     def elements(self, name: str) -> Elements:
-        """The array as its elements."""
+        """The array with each element as a term."""
         found = self.numbers(name)
         out = np.empty(found.values.shape, dtype=object)
         whole = self.term(name)
@@ -156,7 +158,7 @@ class Parameters:
         return self.stacked(found)
 
     def stacked(self, samples: Sequence[Term]) -> Term:
-        """Samples as a list along the window."""
+        """Combines samples to a list along the time window."""
         if len(samples) == 1:
             return samples[0]
         head = CallHead("stack", f", dim={self.dims.of(len(samples), 'tap')}", steady=False)
@@ -191,7 +193,9 @@ class Parameters:
         return Term(Named(new, tuple(axes), window is not None), (), window, size)
 
     def joined(self, names: list[str], dim: str) -> Term:
-        """Scalar parameters combined to one parameter along a dimension."""
+        """Declares one parameter along a dimension, made of several scalar ones; returns it as a
+        term.
+        """
         new = self.names.free(names[0])
         # of shape () or (1,), which both are one number
         values = np.concatenate([self.numbers(name).values.reshape(-1)[:1] for name in names])
@@ -206,7 +210,7 @@ class Parameters:
 
 
 def entry_of(values: NDArray[np.float64]) -> Any:
-    """Numbers in the form of a spec: one, a list, or a text of nested lists."""
+    """The values in the form of a spec: a number, a list, or a text of nested lists."""
     if values.ndim == 0:
         return shortest(float(values))
     if values.ndim == 1:

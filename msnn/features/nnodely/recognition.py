@@ -25,7 +25,9 @@ def recognise(file: File) -> Mapping[str, Recognised]:
 
 
 class Followed(Protocol):
-    """The relations around a recognised form, as it reads them."""
+    """The values, layers and functions of a model, from which a recognised group builds its
+    value.
+    """
 
     values: ValueOperations
     layers: Layers
@@ -37,7 +39,9 @@ class Followed(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Recognised:
-    """The required relations, and the construction of the value from theirs."""
+    """A group of relations with a known meaning: the relations that it needs, and how its value is
+    made.
+    """
 
     needs: tuple[str, ...]
     make: Callable[[Followed], Value]
@@ -48,7 +52,7 @@ _FEWEST = 2
 
 @dataclass(frozen=True, slots=True)
 class _Sum:
-    """Σ cell · activation over all sets of all activations, in order."""
+    """A local model: Σ cell · activation over all fuzzy sets, in order."""
 
     cells: tuple[str, ...]
     activations: tuple[str, ...]
@@ -242,7 +246,7 @@ def _of_functions(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognis
 
 
 def _degrees(relations: Followed, whole: _Sum) -> list[Term]:
-    """The activations, each along its own dimension."""
+    """The membership of each activation, each along a dimension of its own."""
     found: list[Term] = []
     for k, activation in enumerate(whole.activations):
         value = relations.operand(activation)

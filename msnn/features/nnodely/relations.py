@@ -40,7 +40,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 
 @dataclass(slots=True, kw_only=True)
 class Relations:
-    """The values of relations."""
+    """Translates the relations of a saved model to values, each once."""
 
     file: File
     text: JsonText
@@ -57,7 +57,7 @@ class Relations:
     _known: dict[str, Value] = field(default_factory=dict[str, Value])
 
     def of(self, name: str) -> Value:
-        """The value of a relation, after evaluating its operands."""
+        """The value of a relation; translates its operands first."""
         # a stack of our own: chains of relations are longer than Python lets functions nest
         stack: list[tuple[str, bool]] = [(name, False)]
         open_names: dict[str, None] = {}
@@ -87,7 +87,7 @@ class Relations:
 
     @property
     def known(self) -> Mapping[str, Value]:
-        """The evaluated relations."""
+        """The relations that have been translated, with their values."""
         return self._known
 
     def refused(self, diagnostic: Diagnostic) -> SpecError:
@@ -139,11 +139,11 @@ class Relations:
         return value
 
     def values_name(self, name: str) -> str:
-        """The name of a relation that is a separate equation."""
+        """The name of the equation in the spec that a relation becomes."""
         return self.parameters.names.of("relation", name)
 
     def operand(self, name: str) -> Value:
-        """The value of an operand."""
+        """The value of an operand of a relation: another relation, an input or a parameter."""
         if name in self._known:
             return self._known[name]
         if self.parameters.has(name):
@@ -284,7 +284,7 @@ OF_ONE: Mapping[str, Callable[[Term], Term]] = {
 
 
 class UnknownKindError(Exception):
-    """An unsupported relation."""
+    """A kind of relation that is not supported."""
 
     def __init__(self, what: str, repair: str) -> None:
         super().__init__(what)
@@ -300,14 +300,14 @@ def unknown_form(kind: str) -> UnknownKindError:
 
 
 def counted(values: list[Value], wanted: int) -> list[Value]:
-    """The operands, if their number is correct."""
+    """The operands, if there are `wanted`; else raises ShapeError."""
     if len(values) != wanted:
         raise ShapeError(f"{len(values)} operands, where {wanted} are needed")
     return values
 
 
 def one_name(rest: list[Any]) -> str:
-    """The only option of a relation, a name."""
+    """The option of a relation, which must be a single name; raises UnknownKindError for others."""
     if len(rest) == 1 and isinstance(rest[0], str):
         return rest[0]
     what, repair = "a `ParamFun` of this form is not known", "name one function after its operands"

@@ -29,7 +29,7 @@ class _Strict(BaseModel):
 
 
 class Info(_Strict):
-    """The facts of the whole model."""
+    """The section `Info` of a saved model: facts about the whole model, such as the sample time."""
 
     SampleTime: Annotated[Number, Field(gt=0)] = 1
 
@@ -46,7 +46,7 @@ class Input(_Strict):
 
 
 class Array(_Strict):
-    """A parameter or constant."""
+    """A parameter or constant of a saved model: its axes and values."""
 
     dim: Size | list[Size]
     sw: Size | None = None
@@ -56,7 +56,7 @@ class Array(_Strict):
 
 
 class Function(_Strict):
-    """Fuzzy sets, or the source text of a function."""
+    """A function of a saved model: fuzzy sets, or the source text of a Python function."""
 
     code: str | None = None
     name: str | None = None
@@ -85,14 +85,14 @@ def _relation(given: list[Any]) -> list[Any]:
 
 
 def names_in(operands: Any) -> list[str]:
-    """The names in the operands of a relation; empty for invalid ones."""
+    """The texts in the list of a relation's operands; empty if it is no list."""
     if not isinstance(operands, list):
         return []
     return [one for one in cast("list[Any]", operands) if isinstance(one, str)]
 
 
 class File(_Strict):
-    """A saved model."""
+    """The JSON content of a saved model, validated."""
 
     Info: Info
     Inputs: dict[str, Input]
@@ -145,7 +145,7 @@ def _said(text: JsonText, fault: ErrorDetails) -> Diagnostic:
 
 @dataclass(frozen=True)
 class Graph:
-    """The valid relations of a file."""
+    """The relations of a saved model as a graph, with queries for recognising groups."""
 
     file: File
 
@@ -181,7 +181,7 @@ class Graph:
         return self.file.Constants[name].values in (value, [value], [[value]])
 
     def sample(self, name: str, age: int) -> str | None:
-        """The input of which a relation is the sample at that lag; None for others."""
+        """The input whose sample at lag `age` a relation is; None for other relations."""
         given = self.file.Relations.get(name)
         # [−1, 0] is the current sample, [−2, −1] the one before
         wanted = ["SamplePart", -1, [-1 - age, -age]]

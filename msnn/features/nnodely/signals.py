@@ -20,7 +20,9 @@ _HIDDEN = re.compile(r".*_(sw|tw|int|der)\d+")
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The samples that nnodely stores of an input, and how many are future samples."""
+    """The samples of an input that nnodely stores: `back` up to the current one, `ahead` future
+    ones.
+    """
 
     back: int
     ahead: int
@@ -32,7 +34,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """The properties of closed inputs determined during evaluation."""
+    """Facts about closed inputs that are found while the model is translated."""
 
     widths: dict[str, int] = field(default_factory=dict[str, int])
     """Number of samples of a feedback, if it is more than one."""
@@ -41,12 +43,12 @@ class Loops:
 
 
 class OtherLoopError(Exception):
-    """A closed loop differs from the assumption; the model is evaluated again."""
+    """A closed loop differs from what was assumed; the model is translated again."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Signals:
-    """The inputs, states and fed-back equations of a spec."""
+    """Translates inputs to inputs, states and fed-back equations of the spec."""
 
     file: File
     text: JsonText
@@ -100,7 +102,9 @@ class Signals:
         return count
 
     def read(self, name: str, first: int, end: int) -> Value:
-        """The samples between two bounds of nnodely: [−1, 0] is the current one."""
+        """The samples of an input from `first` to `end` in nnodely's counting: [−1, 0] is the
+        current one.
+        """
         given = self.file.Inputs[name]
         kept = self.window(name)
         if not (-kept.back <= first < end <= kept.ahead):
@@ -206,7 +210,9 @@ class Signals:
         return past if late is None else self.values.after(past, late)
 
     def kept_past(self, name: str) -> Value:
-        """The value connected to an input, as an equation that is 0 before the start."""
+        """The past of a value that is connected to an input, as an equation that is 0 before the
+        start.
+        """
         source = self.file.Inputs[name].connect
         assert source is not None
         value = self.value_of(source)

@@ -32,7 +32,7 @@ _LONGEST_NAME = 8
 
 @dataclass(slots=True, kw_only=True)
 class Equations:
-    """The texts of terms, and their common equations."""
+    """Writes terms as texts; parts that are used repeatedly become equations of the spec."""
 
     names: TakenNames
     hints: Mapping[int, str]
@@ -42,7 +42,7 @@ class Equations:
     _uses: dict[int, int] = field(default_factory=dict[int, int])
 
     def count(self, roots: Iterable[Term]) -> None:
-        """Registers a term to be written, to count repeated parts."""
+        """Counts how often parts of these terms are used, before any text is written."""
         seen: set[int] = set()
         for root in roots:
             self._uses[id(root)] = self._uses.get(id(root), 0) + 1
@@ -52,7 +52,7 @@ class Equations:
                     self._uses[id(arg)] = self._uses.get(id(arg), 0) + 1
 
     def name(self, term: Term, name: str) -> None:
-        """Registers a term as an entry of the spec, so that others refer to its name."""
+        """Gives a term a name in the spec, so that other texts refer to it by that name."""
         if term.args and id(term) not in self._written:
             self._written[id(term)] = (name, ATOM)
 
@@ -61,7 +61,7 @@ class Equations:
         return self._written.get(id(term), ("", 0))[0] == name
 
     def text(self, root: Term, *, entry: str | None = None) -> str:
-        """The text of a term; for the entry with its name, the formula."""
+        """The text of a term; the formula itself for the entry with its name."""
         for arg in root.args:
             for node in after_operands(arg, lambda one: id(one) in self._written):
                 self._written[id(node)] = self._shared(node)
@@ -104,7 +104,7 @@ class Equations:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sections:
-    """All that was read of a model."""
+    """Everything that was translated of a model, from which the spec is assembled."""
 
     name: str
     file: File
@@ -120,7 +120,7 @@ class Sections:
 
 
 def spec_values(found: Sections) -> dict[str, Any]:
-    """The spec as plain values, in reading order."""
+    """The spec as mappings, lists, texts and numbers, in reading order."""
     equations, signals = found.equations, found.signals
     predictors, added = _predictors(found)
     outputs = {found.names.of("output", old): term for old, term in found.outputs.items()}
@@ -179,7 +179,7 @@ def spec_values(found: Sections) -> dict[str, Any]:
 
 
 def _degrees(settings: dict[str, Any]) -> list[Term]:
-    """The activations of a local model; empty for other layers."""
+    """The memberships by which a local model weighs its cells; empty for other layers."""
     return settings.get("local_model", {}).get("by", [])
 
 

@@ -18,14 +18,14 @@ ATOM, POWER, SIGN, PRODUCT, SUM = 5, 4, 3, 2, 1
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number."""
+    """A number in a term."""
 
     value: float
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """The samples t + first … t + last of an input, a state or an equation."""
+    """The window t + first … t + last of an input, a state or an equation, in a term."""
 
     name: str
     first: int
@@ -44,14 +44,14 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """An equation with a name, for a gradient."""
+    """An equation referred to by its name, for a gradient."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Infix:
-    """A binary operator, left-associative."""
+    """A binary operator with its precedence; left-associative."""
 
     sign: str
     binding: int
@@ -59,7 +59,7 @@ class Infix:
 
 @dataclass(frozen=True, slots=True)
 class Minus:
-    """The negative."""
+    """The unary minus."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ Head: TypeAlias = Number | Signal | Named | Held | Infix | Minus | Call
 @dataclass(frozen=True, slots=True, eq=False)
 # eq=False: a term is its identity. Parts are shared by it, and comparing trees would be exponential
 class Term:
-    """An expression: an operation and its operands."""
+    """An expression of the spec as a tree: an operation and its operands."""
 
     head: Head
     args: tuple[Term, ...] = ()
@@ -92,12 +92,12 @@ _FOLDED = {"+": add, "-": sub, "*": mul}
 
 
 class CutError(Exception):
-    """A window of a value whose samples are not available separately."""
+    """A window of a term cannot be sliced, because its samples are not available separately."""
 
 
 @dataclass(slots=True)
 class Cutter:
-    """Extracts samples from windows; equal samples of one term are shared."""
+    """Takes slices of the windows of terms; equal slices of one term are shared."""
 
     samples: Callable[[Term, int, int], Term]
     """A slice of a parameter along its last axis."""
@@ -158,7 +158,7 @@ def number(value: float) -> Term:
 
 
 def joined(head: Head, *args: Term, dim: int | None = None) -> Term:
-    """An elementwise operation, applied to each sample."""
+    """A term for an operation that is applied to each sample and element of its operands."""
     windows = [arg.window for arg in args if arg.window is not None]
     size = max((arg.dim for arg in args), default=1) if dim is None else dim
     return Term(head, args, windows[0] if windows else None, size)
@@ -176,37 +176,37 @@ def infix(sign: str, left: Term, right: Term) -> Term:
 
 
 def plus(left: Term, right: Term) -> Term:
-    """A sum."""
+    """The sum of two terms."""
     return infix("+", left, right)
 
 
 def minus(left: Term, right: Term) -> Term:
-    """A difference."""
+    """The difference of two terms."""
     return infix("-", left, right)
 
 
 def times(left: Term, right: Term) -> Term:
-    """A product."""
+    """The product of two terms."""
     return infix("*", left, right)
 
 
 def quotient(left: Term, right: Term) -> Term:
-    """A quotient."""
+    """The quotient of two terms."""
     return infix("/", left, right)
 
 
 def larger(left: Term, right: Term) -> Term:
-    """The maximum."""
+    """The elementwise maximum of two terms."""
     return call("max", left, right)
 
 
 def smaller(left: Term, right: Term) -> Term:
-    """The minimum."""
+    """The elementwise minimum of two terms."""
     return call("min", left, right)
 
 
 def same(term: Term) -> Term:
-    """The term unchanged."""
+    """Returns the term unchanged, as the function of relations that change nothing."""
     return term
 
 
@@ -229,9 +229,10 @@ def _is(term: Term, value: float) -> bool:
 
 
 def number_text(value: float) -> str:
-    """A number as the language writes it: the shortest that is the same in single precision.
+    """A number as text: the shortest that is equal in single precision.
 
-    What was saved in single precision is then what somebody wrote: 9.81, not 9.8100004196167.
+    A value saved in single precision is then written as its author wrote it: 9.81, not
+    9.8100004196167.
     """
     if float(value).is_integer() and abs(value) < 1e15:
         # from 1e15 on a double does not hold every whole number that would be written
@@ -271,7 +272,7 @@ def text_of(term: Term, operands: Sequence[tuple[str, int]]) -> tuple[str, int]:
 
 
 def text_of_whole(root: Term) -> str:
-    """The text of a term with all its operands."""
+    """The text of a term in the language of specs, with all its operands."""
     texts: dict[int, tuple[str, int]] = {}
     for node in after_operands(root, lambda one: False):
         texts[id(node)] = text_of(node, [texts[id(arg)] for arg in node.args])

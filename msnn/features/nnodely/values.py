@@ -19,7 +19,9 @@ class ShapeError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """`window` samples with `dim` elements: consecutive terms in time."""
+    """A value of nnodely: `window` samples with `dim` elements each, as consecutive terms
+    in time.
+    """
 
     window: int
     dim: int
@@ -39,7 +41,7 @@ def one_piece(term: Term) -> Value:
 
 @dataclass(frozen=True, slots=True)
 class ValueOperations:
-    """Builds values from parts along time and elements."""
+    """Operations on values: slices in time, single elements, and concatenation."""
 
     dims: Dims
     cutter: Cutter
@@ -62,11 +64,11 @@ class ValueOperations:
         return Value(window, max(sizes, default=1), tuple(pieces))
 
     def along(self, make: Callable[[Term], Term], value: Value, dim: int) -> Value:
-        """A function of the elements of each sample."""
+        """Applies `make` to the elements of each sample; the result has `dim` elements."""
         return Value(value.window, dim, tuple(make(piece) for piece in value.pieces))
 
     def samples(self, value: Value, first: int, end: int) -> Value:
-        """A slice of the window."""
+        """The samples from `first` to `end` − 1 of a value."""
         if not 0 <= first < end <= value.window:
             raise ShapeError(f"samples {first} … {end - 1} of {value.window} do not exist")
         pieces: list[Term] = []
@@ -92,7 +94,7 @@ class ValueOperations:
         return self.stacked(elements)
 
     def stacked(self, elements: Sequence[Value]) -> Value:
-        """Scalars as the elements of one value."""
+        """Combines scalars to the elements of one value."""
         if len(elements) == 1:
             return elements[0]
         refuse_many(len(elements))
@@ -105,7 +107,7 @@ class ValueOperations:
         return Value(value.window, len(elements), value.pieces)
 
     def element(self, value: Value, index: int) -> Value:
-        """One element of every sample."""
+        """The element `index` of every sample of a value."""
         if not 0 <= index < value.dim:
             raise ShapeError(f"element {index} of {value.dim} does not exist")
         if value.dim == 1:
@@ -142,7 +144,7 @@ def element_of(term: Term, index: int, dims: Dims) -> Term:
 
 
 def filled(value: float, like: Value) -> Value:
-    """A number for each sample of a value, in the form of a window."""
+    """A constant for each sample of `like`, with the same window."""
     if like.window == 1:
         return one_piece(number(value))
     # a number has no window; 0 times the value lends it one

@@ -23,7 +23,7 @@ MOST_MEASUREMENTS = 8
 
 
 def color_of(number: int) -> str:
-    """The colour of a curve by its number."""
+    """The CSS class of the colour of a curve, by its index."""
     return f"c{number % _COLORS + 1}"
 
 
@@ -167,7 +167,7 @@ def _positive(values: FloatArray) -> bool:
 
 
 def function_charts(functions: Sequence[LearnedFunction]) -> Iterator[tuple[str, Plain]]:
-    """A title and a chart each."""
+    """Yields a title and a chart for each learned function."""
     for function in functions:
         yield function.titled(len(function.curves)), _chart(function)
 

@@ -40,7 +40,7 @@ _LARGEST = 600_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveModel:
-    """The values with which the page runs the model."""
+    """The WebAssembly module of a model, and the values with which the page runs it."""
 
     values: Plain
     ports: Ports
@@ -50,7 +50,7 @@ class LiveModel:
 
 @dataclass(frozen=True, slots=True)
 class NotLive:
-    """The reason why the page has no live model, and how to get one."""
+    """The reason why the page cannot run the model, and a repair."""
 
     reason: str
     repair: str | None = None
@@ -129,7 +129,7 @@ def linear_inputs(model: Model) -> frozenset[str]:
 
 
 def _ports(about: Plain, struct: str, kind: str, data: Dataset | None) -> list[Plain]:
-    """The fields of a struct that contain samples: their offsets, and the ranges of sliders."""
+    """The signals in a C struct: their byte offsets, and the ranges of their sliders."""
     # a field without a port is time, or a flag that no record has
     described = {port["port"]: port for port in about[kind]}
     return [
@@ -222,7 +222,7 @@ def _outputs(about: Plain, program: Program) -> list[Plain]:
 
 
 def _fields(layout: Plain, struct: str) -> list[tuple[Plain, int]]:
-    """Fields of a struct with their byte offsets in wasm32."""
+    """The members of a C struct with their byte offsets in WebAssembly (wasm32)."""
     fields: list[Plain] = layout["structs"][struct]
     # numpy's aligned dtypes follow the rules of C: each field at a multiple of its size
     dtype = StructMemory(fields, NUMBERS[layout["dtype"]]).dtype

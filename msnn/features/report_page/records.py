@@ -30,7 +30,7 @@ _SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """The drawn recordings, and texts about omitted ones."""
+    """The recordings that the page shows, and texts about omitted ones."""
 
     shown: list[Plain]
     left_out: list[str]
@@ -172,7 +172,9 @@ def _record(
 
 
 def _places(run: Simulation) -> Plain:
-    """Times in seconds, or rows; two numbers if they are evenly spaced."""
+    """The x-axis of a recording: times in seconds, or rows; start and step if they are evenly
+    spaced.
+    """
     along = run.places.along(timed=True)
     if len(along) < 2:
         return {"start": float(along[0]), "step": 1.0}
@@ -216,7 +218,9 @@ def _output(
 def _measured(
     run: Simulation, data: Dataset, channel: DrawnNumber, measured: FloatArray, block: int, t0: int
 ) -> Plain:
-    """A reference to a stored signal with its shift in samples, or the values themselves."""
+    """The measurements of an output: a reference to a stored signal and its shift, or the
+    values.
+    """
     assert channel.predicts is not None
     name, ahead = channel.predicts
     series_of = channel.of(data.series[channel.predicted_source])

@@ -31,7 +31,9 @@ _MOST_LISTED = 256
 
 @dataclass(frozen=True, slots=True)
 class PageRow:
-    """The cells of a row; `verdict` colours the last one, `more` is shown on demand."""
+    """The cells of a table row; `verdict` colours the last one, `more` is shown when the user opens
+    it.
+    """
 
     cells: tuple[str, ...]
     verdict: str = ""
@@ -49,7 +51,7 @@ class PageTable:
 
 
 def short(value: float | None, digits: int = 5) -> str:
-    """A formatted number; a dash for None."""
+    """A number as text with `digits` digits; a dash for None, NaN and infinity."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
 
 

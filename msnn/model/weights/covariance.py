@@ -26,7 +26,7 @@ _VALUE = "value of "
 
 @dataclass(frozen=True, slots=True)
 class Covariance:
-    """The covariance of the parameters that a training has learned, in their units."""
+    """The covariance matrix of the parameters that a training has learned, with their values."""
 
     values: Mapping[str, FloatArray]
     """The estimated values of the parameters; the covariance is valid for these values only."""
@@ -40,7 +40,11 @@ class Covariance:
     def sorted_by_name(
         cls, names: Sequence[str], weights: Mapping[str, FloatArray], matrix: FloatArray
     ) -> Covariance:
-        """Builds the covariance from a matrix over the elements of `names`, sorted by name."""
+        """Builds the covariance from `matrix`, (n, n), over all elements of the parameters `names`
+        in turn.
+
+        Parameters are sorted by name in the result.
+        """
         places = _places(names, weights)
         # as safetensors sorts its arrays: rows are found again by the order of the file
         order = sorted(names)
@@ -48,7 +52,9 @@ class Covariance:
         return cls({name: weights[name] for name in order}, matrix[np.ix_(numbers, numbers)])
 
     def root(self, names: Sequence[str]) -> FloatArray:
-        """L with L Lᵀ = the part of the matrix for these parameters, in their order."""
+        """A square root L, (n, n), of the covariance of these parameters: L Lᵀ is their part of the
+        matrix.
+        """
         places = _places(list(self.values), self.values)
         numbers = np.concatenate([places[name] for name in names])
         part = self.matrix[np.ix_(numbers, numbers)]
@@ -121,7 +127,7 @@ def read_covariance(weights_file: Path, weights: Mapping[str, FloatArray]) -> Co
 
 
 class _Errors(Protocol):
-    """Standard errors of a training."""
+    """An object like `StandardErrors`, as far as the covariance is concerned."""
 
     @property
     def covariance(self) -> Covariance | None: ...
@@ -131,17 +137,17 @@ class _Errors(Protocol):
 
 @runtime_checkable
 class _HasErrors(Protocol):
-    """A result of `train`."""
+    """An object like the result of `train`, with standard errors."""
 
     @property
     def standard_errors(self) -> _Errors | None: ...
 
 
 def known_covariance(weights: Weights | None, known: Mapping[str, FloatArray]) -> Covariance:
-    """The covariance of what a training has learned; `known` are the values of the weights.
+    """The covariance that belongs to weights; `known` are their values.
 
-    Of the path of a weights file or a run, or of a result of `train`. Raises SpecError where there
-    is none, and where it is of other values.
+    `weights` is the path of a weights file or of a run, or a result of `train`. Raises SpecError if
+    there is no covariance, or if it belongs to other values.
     """
     if isinstance(weights, str | Path):
         return read_covariance(weights_path(weights), known)

@@ -25,7 +25,9 @@ _RUN, _WEIGHTS = "record and row", "weights"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptStarts:
-    """The initial states of runs, with keys that identify their recordings and rows."""
+    """Estimated initial states of rollouts, with hashes that find their recordings in other
+    data.
+    """
 
     recorded: Mapping[str, IntArray]
     """A hash of the values of each signal in every recording."""
@@ -59,11 +61,13 @@ class KeptStarts:
         )
 
     def is_of(self, shapes: Mapping[str, tuple[int, ...]]) -> bool:
-        """True if these are initial values of states with these shapes."""
+        """True if the saved values have these states with these shapes."""
         return shapes == {name: one.shape[1:] for name, one in self.values.items()}
 
     def at(self, data: Dataset, t0: IntArray) -> tuple[BoolArray, Mapping[str, FloatArray]]:
-        """Mask of the runs from rows t0 with saved initial states, and their values."""
+        """The mask (runs,) of rollouts, beginning at rows `t0`, with saved initial states, and
+        these by state.
+        """
         record, row = _places(data, t0)
         same = self._same_recordings(data, np.unique(record))
         known = {(int(r), int(k)): place for place, (r, k) in enumerate(self.run)}
@@ -129,16 +133,16 @@ def write_starts(path: Path, found: KeptStarts) -> Path:
 
 @runtime_checkable
 class _HasStarts(Protocol):
-    """A result of `train`."""
+    """An object like the result of `train`, with initial states."""
 
     @property
     def starts(self) -> KeptStarts | None: ...
 
 
 def known_starts(weights: Weights | None, known: Mapping[str, FloatArray]) -> KeptStarts | None:
-    """The starts beside a weights file or in a result of `train`; None of other weights.
+    """The saved initial states next to a weights file or in a result of `train`.
 
-    `known` are the values of the weights.
+    None if there are none, or if they belong to other values than `known`, those of the weights.
     """
     found: KeptStarts | None = None
     if isinstance(weights, str | Path):

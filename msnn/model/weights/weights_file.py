@@ -12,19 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from backends.files.atomic_write import write_bytes
 from backends.files.safetensors_bytes import safetensors_bytes
-from compiler.ir.program import Parameter, Program
+from compiler.ir.program import Parameter, Program, UsedPlugin
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning import training as training_errors
 from msnn.errors.learning import weights as errors
 from msnn.errors.learning import weights as weight_errors
-from msnn.model.saved_run import WEIGHTS, followed
+from msnn.model.saved_run import DESCRIPTION, WEIGHTS, followed, read_json, recorded_plugins
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.reading.reader import refuse_endless
 
 
 def initial_weights(program: Program) -> dict[str, FloatArray]:
-    """The initial value of every parameter, in its shape."""
+    """The initial values of all parameters by name, each in its shape."""
     return {
         parameter.name: np.array(parameter.initial, dtype=np.float64).reshape(
             tuple(axis.size for axis in parameter.axes)
@@ -36,9 +36,10 @@ def initial_weights(program: Program) -> dict[str, FloatArray]:
 def write_weights(
     path: Path, weights: Mapping[str, FloatArray], program: Program, *, named_later: bool = False
 ) -> Path:
-    """Writes the arrays with the program's name, spec hash and units as metadata; durably.
+    """Writes weights as a safetensors file, with program name, spec hash and units as metadata.
 
-    `named_later` is that of `write_bytes`, for who trains again what a cut of power took.
+    It is replaced atomically. `named_later` is that of `write_bytes`: the file may be missing after
+    a power failure, for callers that would train again.
     """
     units = {p.name: p.unit.text for p in program.parameters if p.unit is not None}
     metadata = {
@@ -64,7 +65,24 @@ def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
         raise SpecError((weight_errors.unreadable_weights(shown, reason),)) from error
     except WeightsFault as fault:
         raise SpecError((weight_errors.unreadable_weights(shown, str(fault)),)) from fault
-    return checked_weights(program, arrays, shown)
+    try:
+        return checked_weights(program, arrays, shown)
+    except SpecError as error:
+        changed = changed_plugins(path, program)
+        raise SpecError([errors.of_other_plugins(f, changed) for f in error.diagnostics]) from error
+
+
+def changed_plugins(weights: Path, program: Program) -> list[tuple[str, UsedPlugin]]:
+    """The program's plug-ins of which the run of a weights file had another version.
+
+    Each with that version before it.
+    """
+    then = recorded_plugins(read_json(weights.parent / DESCRIPTION))
+    return [
+        (then[now.package], now)
+        for now in program.plugins
+        if then.get(now.package, now.version) != now.version
+    ]
 
 
 _ROUNDING = float(np.finfo(np.float32).eps)
@@ -76,7 +94,10 @@ GIVEN = "the given mapping of weights"
 def checked_weights(
     program: Program, arrays: Mapping[str, NDArray[Any]], origin: str
 ) -> dict[str, FloatArray]:
-    """The arrays of all parameters; SpecError with all errors. `origin` names them in messages."""
+    """The arrays as weights in float64, checked: one for each parameter, with its shape and bounds.
+
+    `origin` names them in messages. Raises SpecError with all errors.
+    """
     faults: list[Diagnostic] = []
     known = [parameter.name for parameter in program.parameters]
     unknown = [name for name in arrays if name not in known]
@@ -149,10 +170,11 @@ or the path of a weights file or of the folder of a run."""
 
 
 def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
-    """The array of every parameter of a program, in float64 (rule R12).
+    """Converts weights of any accepted form to an array in float64 for every parameter (rule R12).
 
-    A name that is missing or unknown, a wrong shape and values that are no finite real numbers are
-    errors, raised together as SpecError; TypeError for what is no weights at all.
+    The forms are a path, a mapping of arrays or tensors, and a result of `train`. Missing or
+    unknown names, wrong shapes and values that are not finite real numbers are raised together as
+    SpecError. TypeError for an object of another kind.
     """
     if isinstance(weights, str | Path):
         return read_weights(weights_path(weights), program)
@@ -171,9 +193,9 @@ def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
 
 
 def known_weights(program: Program, weights: Weights | None) -> Mapping[str, FloatArray]:
-    """The weights that are given, by default the initial values.
+    """The given weights, checked; by default the initial values of the spec.
 
-    Raises SpecError where the given ones do not fit, or initial ones are not known (R12).
+    Raises SpecError if they do not fit, or if an initial value is unknown before training (R12).
     """
     if weights is not None:
         return given_weights(program, weights)

@@ -29,7 +29,7 @@ KINDS: tuple[Kind, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """An entry of the spec."""
+    """A box of a diagram before layout: an entry of the spec, such as a signal or a layer."""
 
     name: str
     kind: Kind
@@ -48,7 +48,7 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """All parts, in the order of the spec."""
+    """The entries of a spec in its order, and the dependencies between them."""
 
     parts: tuple[Part, ...]
     arrows: tuple[Arrow, ...]
@@ -123,7 +123,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """From one box to another."""
+    """A line of the diagram from one box to another."""
 
     source: str
     target: str

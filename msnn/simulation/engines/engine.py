@@ -26,22 +26,27 @@ Advance: TypeAlias = Callable[[int], None]
 
 
 class RolloutEngine(Protocol):
-    """Runs rollouts of one closed-loop program with one set of weights on one dataset."""
+    """An engine that simulates rollouts of a program with closed loops, given weights and data."""
 
     def outputs(self, runs: Runs, advance: Advance) -> Mapping[str, FloatArray]:
-        """Every output of the program, (Σ steps, *shape), rollout after rollout."""
+        """The values of every output, (Σ steps, *shape), one rollout after the other.
+
+        The engine calls `advance` with the number of steps that it has computed.
+        """
         ...
 
     def losses(
         self, runs: Runs, skip: int, scored: Mapping[str, BoolArray] | None, advance: Advance
     ) -> dict[str, LossSum]:
-        """Every loss of the program, over steps from `skip` on and over rows that are `scored`."""
+        """Every loss as its sum and count, over steps from `skip` on and rows in the mask
+        `scored`.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class OpenedRollouts:
-    """An opened engine with its name, and notes for the user about the selection."""
+    """An engine that is ready to simulate, its name, and diagnostics about its selection."""
 
     engine: RolloutEngine
     name: str
@@ -51,7 +56,7 @@ class OpenedRollouts:
 
 @dataclass(frozen=True, slots=True)
 class EngineToOpen:
-    """A factory of an engine, called with a closed-loop program, weights and data."""
+    """An engine that a function opens, called with a closed-loop program, weights and series."""
 
     open: Callable[[Program, Mapping[str, FloatArray], Mapping[str, FloatArray]], OpenedRollouts]
 
@@ -73,13 +78,13 @@ Steps = Callable[[Runs, bool], Iterable[RolloutRow]]
 
 
 class StepwiseRollouts:
-    """An engine based on a function that computes one step of many rollouts."""
+    """An engine from a function that yields one step of many rollouts after the other."""
 
     def __init__(self, program: Program, steps: Steps) -> None:
         self._program, self._steps = program, steps
 
     def outputs(self, runs: Runs, advance: Advance) -> dict[str, FloatArray]:
-        """Every output of the program, rollout after rollout."""
+        """The values of every output, (Σ steps, *shape), one rollout after the other."""
         total, step = int(runs.steps.sum()), self._program.step
         found = {
             out.name: np.empty((total, *step[out.node].type.shape)) for out in self._program.outputs
@@ -100,7 +105,7 @@ class StepwiseRollouts:
     def losses(
         self, runs: Runs, skip: int, scored: Mapping[str, BoolArray] | None, advance: Advance
     ) -> dict[str, LossSum]:
-        """Every loss of the program, summed over batches of rollouts."""
+        """Every loss of the program as its sum and count, computed over batches of rollouts."""
         losses = self._program.losses
         totals = {loss.name: LossSum(0.0, 0) for loss in losses}
         for part in _parts(runs):
@@ -113,7 +118,7 @@ class StepwiseRollouts:
 def interpreted_rollouts(
     program: Program, weights: Mapping[str, FloatArray], series: Mapping[str, FloatArray]
 ) -> StepwiseRollouts:
-    """The reference interpreter as an engine."""
+    """The reference interpreter as an engine; `series` are the data, (rows, *shape) by signal."""
     judge = Interpreter(program, weights)
     return StepwiseRollouts(
         program, lambda runs, losses: moments(judge, series, runs, losses=losses)
@@ -136,12 +141,14 @@ RolloutProgress: TypeAlias = Callable[[int, int], None]
 
 
 def nobody(done: int, total: int) -> None:
-    """Ignores progress."""
+    """A receiver of progress that ignores it."""
     del done, total
 
 
 class Count:
-    """Sums the completed steps of engines."""
+    """Sums the steps that several engines have computed, and reports the sum to a receiver of
+    progress.
+    """
 
     def __init__(self, progress: RolloutProgress, total: int) -> None:
         self._progress, self._done, self._total = progress, 0, total

@@ -58,7 +58,7 @@ def check_sensitivities(
     runs: Runs,
     weights: Weights,
 ) -> None:
-    """Compares products of residuals and Jacobians like `check_kernel`."""
+    """Compares JᵀJ and Jᵀr of a kernel with the interpreter's. Raises WrongKernelError."""
     for case in cases(found.program, series, runs, weights, kernel.lanes + _MORE):
         few = case.runs
         steps = np.full(len(few.t0), few.steps)
@@ -91,7 +91,7 @@ def _compare(built: Built, what: str, found: FloatArray | float, right: Total) -
 
 
 def _joined(one: Products) -> FloatArray:
-    """[J r]ᵀ[J r]."""
+    """The matrix [J r]ᵀ[J r], so that one comparison covers JᵀJ, Jᵀr and rᵀr."""
     last = np.array([[one.squares]])
     return np.block([[one.curvature, one.slope[:, None]], [one.slope[None, :], last]])
 
@@ -136,7 +136,7 @@ class WrongKernelError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Rollouts and weights of one test."""
+    """One test of a kernel: a few rollouts and the weights at which they are computed."""
 
     runs: Rollouts
     weights: Weights
@@ -152,10 +152,10 @@ def check_if_fresh(built: Built, check: Callable[[], None]) -> None:
 def cases(
     program: Program, series: Weights, runs: Runs, weights: Weights, members: int
 ) -> Iterable[Case]:
-    """A few rollouts on the data at the weights, and on shuffled rows at nearby weights.
+    """The tests of a kernel: a few rollouts at the weights, and on shuffled rows at nearby weights.
 
-    For a well-fitted model the first leave only rounding errors. Shuffled rows have residuals as
-    large as the signals.
+    With a well-fitted model, residuals of the first are only rounding errors. Shuffled rows have
+    residuals as large as the signals.
     """
     series, runs = _first_rows(program, series, runs)
     # a seed of its own: a kernel that is wrong is found wrong by everybody
@@ -293,5 +293,5 @@ def compare(
 
 
 def said(built: Built, what: str) -> str:
-    """The sentence about a kernel that is wrong."""
+    """The message of a wrong kernel; `what` are the wrong values."""
     return f"kernel {built.name} computes {what}"

@@ -35,7 +35,10 @@ _ROWS = 4096
 
 
 class NativeRollouts:
-    """The native engine of one program. Raises CompilerMissingError."""
+    """An engine that simulates in compiled C.
+
+    Raises CompilerMissingError if there is no C compiler.
+    """
 
     def __init__(
         self, program: Program, weights: Mapping[str, FloatArray], series: Mapping[str, FloatArray]
@@ -62,7 +65,9 @@ class NativeRollouts:
     def losses(
         self, runs: Runs, skip: int, scored: Mapping[str, BoolArray] | None, advance: Advance
     ) -> dict[str, LossSum]:
-        """Every loss of the program."""
+        """Every loss of the program as its sum and count, over steps from `skip` on and `scored`
+        rows.
+        """
         data = self._kernel.data(self._series, skip, scored)
         rolled = self._kernel.run(data, runs.t0, runs.steps, self._physical, advance)
         found = zip(
@@ -121,7 +126,9 @@ def _beginning(program: Program, series: Weights, runs: Runs) -> tuple[Weights, 
 
 
 def _by_name(program: Program, rolled: FloatArray) -> dict[str, FloatArray]:
-    """The columns of every output, reshaped to its shape."""
+    """Splits the columns of all outputs, (steps, elements), into an array (steps, *shape) per
+    output.
+    """
     found: dict[str, FloatArray] = {}
     begin = 0
     for output in program.outputs:

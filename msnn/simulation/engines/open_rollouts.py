@@ -146,7 +146,7 @@ def _native(
 
 
 def kernel_folder_warnings(found: KernelFolder) -> tuple[Diagnostic, ...]:
-    """The warning; empty if the requested folder is used."""
+    """A warning if the folder for compiled kernels cannot be used; empty otherwise."""
     refused = found.refused
     if refused is None:
         return ()

@@ -19,7 +19,7 @@ from msnn.simulation.rollout import RolloutRow, longest_first
 def torch_rollouts(
     program: Program, weights: Mapping[str, FloatArray], series: Mapping[str, FloatArray]
 ) -> StepwiseRollouts:
-    """The program's module on the CPU, with exactly these weights."""
+    """An engine that simulates in torch on the CPU in float64, with exactly these weights."""
     model = TorchModel(program, torch.float64, torch.device("cpu"))
     physical = {
         name: torch.from_numpy(value) for name, value in physical_weights(program, weights).items()

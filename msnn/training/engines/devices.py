@@ -35,7 +35,11 @@ class Device:
 
     @property
     def name(self) -> str:
-        """The argument with which `find_device` returns this device."""
+        """The text that the user writes for this device: `cpu`, `cuda:1`, or `auto` if torch stages
+        alone use it.
+
+        `find_device` returns the same device for it.
+        """
         return self.torch if self.for_all or self.torch == "cpu" else "auto"
 
 
@@ -71,7 +75,12 @@ def find_device(name: str) -> Device:
 
 
 def on_device(plans: Sequence[StagePlan], device: Device, findings: Findings) -> list[StagePlan]:
-    """The stages with their device; reports stages with `engine: native`, which stay on the CPU."""
+    """Moves stages to a device, where torch then computes them: all if the device was named, else
+    torch stages.
+
+    Warns about each stage with `engine: native` that moves, because native kernels run on the CPU
+    only.
+    """
     if device.torch == "cpu":
         return list(plans)
     placed: list[StagePlan] = []
@@ -97,7 +106,7 @@ _IN_TORCH = ("msnn.training.engines.torch.torch_engine", "torch._dynamo")
 
 
 def slow_modules(stages: Sequence[Stage]) -> frozenset[str]:
-    """Modules that these stages need and that take seconds to import."""
+    """Names of modules that these stages import and that take seconds: those of torch, or none."""
     in_torch = any(
         stage.engine == "torch" or stage.optimizer.choice.steps_by == "torch" for stage in stages
     )
@@ -126,7 +135,7 @@ _SHARE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Needed:
-    """starts × steps × bytes of the largest batch."""
+    """An estimate of the memory for one batch in torch: start rows × steps × bytes per step."""
 
     starts: int
     steps: int
@@ -171,7 +180,7 @@ def needed_by_torch(plan: StagePlan, runs: Runs) -> Needed:
 
 
 def installed_memory() -> int | None:
-    """Installed memory in bytes; None if the system does not report it."""
+    """The size of the machine's RAM in bytes; None if the operating system does not report it."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # Windows has no sysconf

@@ -1,4 +1,4 @@
-"""Defines the interface of training engines, and the series that change during a stage."""
+"""Defines the interface of training engines, and the random dropout factors of an epoch."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def batches_of(runs: Runs, size: int) -> Iterator[Runs]:
 class NonFiniteLossError(Exception):
     """The loss of a batch, its gradient, or an updated parameter is infinite or NaN.
 
-    `runs` is the batch. `slopes` names the parameters with a non-finite derivative, if known.
+    `runs` are the rollouts of the batch. `slopes` names the parameters with a non-finite
+    derivative, if known.
     """
 
     def __init__(self, runs: Runs, slopes: tuple[str, ...] = ()) -> None:
@@ -39,39 +40,52 @@ class NonFiniteLossError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class EngineState:
-    """The complete state of an engine, to continue with identical bits: arrays and a JSON value."""
+    """The state of an engine from which training continues with identical bits: arrays and JSON
+    values.
+    """
 
     arrays: Mapping[str, FloatArray]
     structure: object
 
 
 class Engine(Protocol):
-    """Holds parameters, an optimiser and the data of one stage."""
+    """An implementation of the training of one stage: it holds the parameters, optimiser and data.
+
+    `NativeEngine`, `TorchEngine` and `LevenbergMarquardtEngine` have these methods. Losses are
+    returned as sums and counts (`LossSums`), by name of the loss.
+    """
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values of all parameters."""
+        """The physical values of all parameters, by name."""
         ...
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
-        """Draws dropout masks, and sets learning rates to `rate` times those of the stage.
+        """Draws the dropout masks of an epoch, and sets learning rates to `rate` times those of the
+        stage.
 
-        Priors are weighted by `spread`, ŝ²/n. Repeated calls draw the same masks; each `attempt` at
-        the stage draws its own.
+        Priors are weighted by `spread`, the mean square of the residuals divided by their number.
+        Repeated calls draw the same masks; each `attempt` at the stage (`starts:`) draws its own.
         """
         ...
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
-        """Replaces the series with the start values of runs, either of watched or of training
-        runs.
+        """Overwrites series that hold estimated initial states: (rows, *shape) by name of the
+        series.
+
+        They are read by the rollouts of the monitor if `watched`, else by those of training.
         """
         ...
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of training rollouts at the current weights, without dropout."""
+        """The losses of training rollouts at the current weights, without dropout, as sums and
+        counts.
+        """
         ...
 
     def order(self, count: int, key: int) -> IntArray:
-        """The order of an epoch of `count` rollouts, equal to `epoch_order.shuffled`."""
+        """The shuffled indices 0 … count−1 of an epoch's rollouts; `key` seeds the shuffle
+        (`epochs.shuffled`).
+        """
         ...
 
     batches_a_call: int
@@ -105,15 +119,15 @@ class Engine(Protocol):
     """The reason why further batches would change nothing; None while training can continue."""
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of these rollouts at the current weights, on the scored rows."""
+        """The losses of these rollouts at the current weights, on the rows of the monitor's set."""
         ...
 
     def state(self) -> EngineState:
-        """The current parameters and optimiser state."""
+        """A copy of the parameters and of the optimiser's state, for a checkpoint."""
         ...
 
     def restore(self, state: EngineState) -> None:
-        """Restores a state of the same stage."""
+        """Sets parameters and optimiser to a state that `state` returned in the same stage."""
         ...
 
 
@@ -122,16 +136,17 @@ class StartsEstimator(Protocol):
     """An engine that can estimate the initial states of runs together with the parameters."""
 
     def starts(self) -> EstimatedStarts | None:
-        """The current initial states of the training runs; None if the engine does not estimate
+        """The current initial states of the training rollouts; None if the engine does not estimate
         them.
         """
         ...
 
 
 def own_series(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The series with separate arrays for those that change during the stage.
+    """The series of a stage, with arrays of its own for those that the stage overwrites.
 
-    Every dropout factor is 1 and every initial state is 0.
+    These are the dropout factors, all set to 1, and the estimated initial states, all set to 0.
+    Each is (rows, *shape).
     """
     rows = len(next(iter(series.values()), np.zeros(0)))
     states = () if plan.rollout.starts is None else estimated_states(plan.rollout.starts.program)
@@ -154,10 +169,11 @@ def with_all_kept(series: Mapping[str, FloatArray], masks: Sequence[Mask]) -> di
 def factors_of(
     plan: StagePlan, series: Mapping[str, FloatArray], epoch: int, attempt: int = 0
 ) -> dict[str, FloatArray]:
-    """The dropout factors of an epoch for all rows: (rows, elements) per mask.
+    """The random dropout factors of an epoch: for each mask an array (rows, elements) of 0 or 1/(1
+    − rate).
 
-    The generator is Philox (Salmon et al. 2011), keyed by seed, stage, epoch, attempt and mask. A
-    step at row t uses the factors of row t, in any rollout.
+    The generator is Philox (Salmon et al. 2011), seeded by the stage's seed and index, epoch,
+    attempt and mask. A step at row t uses the factors of row t, in any rollout.
     """
     found: dict[str, FloatArray] = {}
     rows = len(next(iter(series.values()), np.zeros(0)))

@@ -42,7 +42,7 @@ EngineArguments = tuple[
 
 @dataclass(frozen=True, slots=True)
 class OpenedEngine:
-    """An engine for a stage, and notes for the user about the selection."""
+    """An engine that is ready to train a stage, with diagnostics if it is not the requested one."""
 
     engine: AnyEngine
     plan: StagePlan
@@ -51,7 +51,10 @@ class OpenedEngine:
 
 
 def try_optimizers(program: Program, plans: Iterable[StagePlan]) -> None:
-    """Constructs the optimisers of torch; raises SpecError with the errors that torch reports."""
+    """Constructs the optimisers of torch that the stages use, before the training begins.
+
+    Raises SpecError with the errors that torch reports, such as an unknown option.
+    """
     findings = Findings()
     for plan in plans:
         if isinstance(plan.optimizer, TorchOptimizer):
@@ -68,9 +71,11 @@ def open_engine(
     weights: Mapping[str, FloatArray],
     data: StageData,
 ) -> OpenedEngine:
-    """The engine of a stage; `auto` is native, or torch with a note that gives the reason.
+    """Builds the engine of a stage and checks its kernels against the reference interpreter.
 
-    Raises SpecError if `engine: native` is not possible.
+    `engine: auto` selects native kernels; torch, with a note that gives the reason, if they fail.
+    `series` are the data (rows, *shape), `weights` the initial parameters. Raises SpecError if
+    `engine: native` is not possible.
     """
     given = (series, weights, data.train_rows, data.watched_rows)
     notes: tuple[Diagnostic, ...] = ()
@@ -117,7 +122,11 @@ def open_engine(
 
 
 def _native(arguments: EngineArguments) -> AnyEngine:
-    """Trains whole epochs in the kernel, or runs an outer optimiser with the kernel's gradients."""
+    """The engine with kernels for the stage's optimiser.
+
+    A second-order optimiser uses residuals and Jacobians of kernels. Adam and similar ones run in
+    the kernel. Other optimisers are those of torch, with gradients of the kernel.
+    """
     optimizer = arguments[0].optimizer
     if optimizer.needs_squares:
         return LevenbergMarquardtEngine(*arguments, NativeSquares)

@@ -21,7 +21,7 @@ from spec_schema.sections.training import Cosine, Exponential, Plateau, Rollout,
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """Until the end of epoch `until`, rollouts have `horizon` steps."""
+    """A phase of a curriculum: until the end of epoch `until`, rollouts have `horizon` steps."""
 
     until: int
     horizon: int
@@ -30,7 +30,10 @@ class Phase:
 def plan_curriculum(
     program: Program, rollout: Rollout, plan: RolloutPlan, epochs: int, findings: Findings
 ) -> tuple[Phase, ...]:
-    """The phases before the full horizon; errors go to `findings`."""
+    """The phases of a curriculum before the full horizon; empty without one.
+
+    Errors go to `findings`.
+    """
     if rollout.curriculum is None:
         return ()
     if plan.horizon == "record":
@@ -68,7 +71,9 @@ Rule = Cosine | Exponential | Step | Plateau | None
 
 @dataclass(frozen=True, slots=True)
 class Reductions:
-    """Number of reductions on a plateau, and the epoch of the last one."""
+    """How often the schedule `plateau` has reduced the learning rate, and the epoch of the last
+    time.
+    """
 
     count: int = 0
     epoch: int = 0
@@ -108,7 +113,11 @@ def _kernel(name: str, *arguments: float) -> float:
 
 
 def after_epoch(rule: Rule, epoch: int, better: int, reductions: Reductions) -> Reductions:
-    """The reductions after `epoch` epochs, if the monitor last improved after `better`."""
+    """The reductions of the learning rate after `epoch` epochs, if the monitor last improved in
+    epoch `better`.
+
+    Only the schedule `plateau` adds one, after `patience` epochs without improvement.
+    """
     if isinstance(rule, Plateau) and epoch - max(better, reductions.epoch) >= rule.patience:
         return Reductions(reductions.count + 1, epoch)
     return reductions
@@ -122,7 +131,9 @@ def check_rate(
     place: Span | None,
     findings: Findings,
 ) -> None:
-    """Reports a learning rate that overflows in the dtype of the stage."""
+    """Reports a learning rate, times the largest factor of a parameter, that overflows in
+    `dtype`.
+    """
     largest = max((rate or 0.0) * factor for factor in (1.0, *factors.values()))
     most = float(np.finfo(dtype).max)
     if largest > most:

@@ -45,9 +45,11 @@ WITHIN = "within delta of "
 
 
 def squared(program: Program, weights: Mapping[str, float], *, robust: bool = False) -> Program:
-    """The program with its weighted losses, each as mse.
+    """The program with those weighted losses that are sums of squares, each as a mean square
+    (`mse`).
 
-    With `robust`, `huber` is kept, with three additional losses for its standard errors.
+    `weights` are those of the losses by name. With `robust`, `huber` is kept, with three additional
+    losses for its standard errors.
     """
     builder = GraphBuilder(program.step)
     losses: list[Loss] = []
@@ -76,7 +78,7 @@ def is_all_squared(program: Program, weights: Mapping[str, float]) -> bool:
 
 
 def _counted(builder: GraphBuilder, loss: Loss) -> Loss:
-    """A loss that counts residuals with a positive row factor."""
+    """A loss whose sum is the number of residuals of `loss` with a row factor above 0."""
     assert loss.rows is not None
     factors = element_factors(builder, loss, loss.rows)
     axes = builder.type(factors).axes
@@ -86,7 +88,11 @@ def _counted(builder: GraphBuilder, loss: Loss) -> Loss:
 
 
 def _sandwich(builder: GraphBuilder, loss: Loss) -> list[Loss]:
-    """Clipped residuals and costs of a robust loss as squares, and the count of unclipped ones."""
+    """Three losses from which the standard errors of a `huber` loss follow.
+
+    They are the clipped residuals as squares, the costs as squares, and the number of unclipped
+    residuals.
+    """
     assert loss.target is not None, "huber compares with something"
     error = builder.subtract(loss.prediction, loss.target)
     unit, axes = builder.type(error).unit, builder.type(error).axes
@@ -118,7 +124,7 @@ def _sandwich(builder: GraphBuilder, loss: Loss) -> list[Loss]:
 
 @dataclass(frozen=True, slots=True)
 class ResidualsOfStage:
-    """The mean square and the number of a stage's residuals."""
+    """The weighted mean square of a stage's residuals, and their number."""
 
     square: float
     """Weighted mean square; for MAE and RMSE half of the weighted total."""
@@ -126,12 +132,12 @@ class ResidualsOfStage:
 
     @property
     def spread(self) -> float:
-        """ŝ²/n, the weight of priors."""
+        """ŝ²/n, the mean square divided by the number of residuals: the weight of priors."""
         return self.square / self.count if self.count else 0.0
 
 
 def known_of(plan: StagePlan, parameters: Sequence[Parameter]) -> KnownTerms:
-    """Penalties and priors of these parameters, as far as the stage trains them."""
+    """The penalties and priors of those of these parameters that the stage trains."""
     return known_terms(parameters, plan.program.losses, plan.loss_weights, plan.trained)
 
 
@@ -147,13 +153,13 @@ def residuals_of(plan: StagePlan, sums: Mapping[str, LossSum], runs: Runs) -> Re
 
 
 def square_by_count(plan: StagePlan, sums: Mapping[str, LossSum]) -> float:
-    """ŝ²/n if rollouts score each row once."""
+    """ŝ²/n, the weight of priors, for losses over rollouts that do not overlap."""
     square, count = _scored(plan, sums)
     return square / count if count else 0.0
 
 
 def distance(plan: StagePlan, weights: Mapping[str, FloatArray]) -> float:
-    """Σ ((p − mean)/std)² of the trained parameters."""
+    """How far the trained parameters are from their priors: Σ ((p − mean)/std)²."""
     total = 0.0
     for name in plan.trained:
         prior = plan.program.parameter(name).prior

@@ -17,7 +17,9 @@ from spec_schema.sections.training import Stage
 
 
 def concerns(program: Program, weights: Mapping[str, float], trained: Sequence[str]) -> bool:
-    """True if a weighted loss depends on a trained parameter, at any step of a rollout."""
+    """True if a loss with a weight depends on a parameter in `trained`, at any step of a
+    rollout.
+    """
     counted = [loss for loss in program.losses if weights[loss.name]]
     wanted = [n for loss in counted for n in loss.nodes]
     following = {state.name: state.next for state in program.states}
@@ -50,10 +52,10 @@ def with_reached_corners(
     stage: str,
     findings: Findings,
 ) -> Program:
-    """The program with only those penalties that this optimiser can minimise exactly.
+    """The program; penalties that this optimiser cannot minimise exactly become ordinary losses.
 
-    The others become ordinary losses with gradients: those with a negative weight, and, with a
-    warning, all of a purely gradient-based optimiser.
+    A penalty such as `l1` has a kink at 0. Gradient-based optimisers do not reach it, of which a
+    warning goes to `findings`. Penalties with a negative weight become ordinary losses too.
     """
     left = [loss for loss in program.losses if loss.penalty is not None and weights[loss.name]]
     if left and not optimizer.reaches_corners:
@@ -82,7 +84,9 @@ def check_priors(
     span: Span | None,
     findings: Findings,
 ) -> None:
-    """Reports priors if no loss has a measured target, because priors then have no scale."""
+    """Reports an error if parameters have priors, but no loss compares with data that give them a
+    scale.
+    """
     measured = any(weights[loss.name] and loss.target is not None for loss in program.losses)
     known = [parameter.name for parameter in trained if parameter.prior is not None]
     if known and not measured:
@@ -98,7 +102,7 @@ _NOT_OF_SECOND_ORDER: Mapping[str, str] = {
 
 
 def check_keys(stage: Stage, findings: Findings) -> None:
-    """Reports keys of other optimisers that have no effect on levenberg_marquardt."""
+    """Reports keys of a stage that have no effect with the optimiser `levenberg_marquardt`."""
     place = stage.optimizer.choice.place.key
     for key, reason in _NOT_OF_SECOND_ORDER.items():
         if key in stage.model_fields_set:
@@ -114,7 +118,9 @@ def check_losses(
     weights: Mapping[str, float],
     findings: Findings,
 ) -> None:
-    """Reports losses that are neither sums of squares nor non-smooth penalties."""
+    """Reports losses that `levenberg_marquardt` cannot minimise: neither sums of squares nor
+    penalties.
+    """
     for loss in program.losses:
         weight = weights[loss.name]
         if loss.penalty is not None:

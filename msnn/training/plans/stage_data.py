@@ -29,7 +29,7 @@ TRAIN, VALIDATION = "train", "val"
 
 @dataclass(frozen=True, slots=True)
 class Lesson:
-    """Shorter training rollouts until the end of epoch `until`."""
+    """A part of a curriculum: until the end of epoch `until`, the rollouts `runs` are trained."""
 
     until: int
     runs: Runs
@@ -37,7 +37,11 @@ class Lesson:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageData:
-    """Rollouts of a stage, and masks of the scored rows t if not all are scored."""
+    """The rollouts of a stage: for training, and those on which the monitor is computed
+    (`watched`).
+
+    `train_rows` and `watched_rows` mask the scored rows (rows,) of each loss; None means all.
+    """
 
     train: Runs
     train_rows: Mapping[str, BoolArray] | None
@@ -57,7 +61,9 @@ class StageData:
 
 
 def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData | None:
-    """The rollouts of a stage; None after reporting that there are none."""
+    """Selects the rollouts of a stage from the sets of the data; reports to `findings`, and is
+    None, if there are none.
+    """
     if data.is_on_disk:
         check_on_disk(plan, findings)
         if findings.failed:
@@ -117,7 +123,7 @@ def _starts_inside(program: Program, data: Dataset, runs: Runs) -> bool:
 
 
 def check_on_disk(plan: StagePlan, findings: Findings) -> None:
-    """Reports the reasons why a stage cannot run on data on disk."""
+    """Reports what a stage needs of all rows at once, if the data are too large for memory."""
     stage, program = f"stage `{plan.name}`", plan.rollout.program
     scaled = [name for name in plan.trained if program.parameter(name).scales_by_data]
     reasons = {
@@ -150,7 +156,7 @@ MOST_UNLIKE = 10.0
 
 
 def with_default_weights(plans: Sequence[StagePlan], data: Dataset) -> list[StagePlan]:
-    """The stages; stages without explicit weights get weights from the data if needed."""
+    """Gives stages without `losses:` their loss weights, 1/variance of the signals if needed."""
     return [_weighed(plan, data) for plan in plans]
 
 

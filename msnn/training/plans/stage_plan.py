@@ -49,7 +49,10 @@ TOTAL = "total"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StagePlan:
-    """One training stage (rule R12: keys are not inherited from the previous stage)."""
+    """A training stage of a spec, with all defaults filled in.
+
+    A key is not inherited from the previous stage (rule R12).
+    """
 
     index: int
     name: str
@@ -97,7 +100,9 @@ class StagePlan:
 
     @property
     def whole_from(self) -> int:
-        """The epoch from which rollouts have their full horizon."""
+        """The number of epochs after which the curriculum ends and rollouts have their full
+        horizon.
+        """
         return self.phases[-1].until if self.phases else 0
 
     @property
@@ -142,14 +147,16 @@ class StagePlan:
 
 
 def with_slopes_alone(plan: StagePlan) -> StagePlan:
-    """The stage for purely gradient-based steps: penalties become ordinary losses."""
+    """The plan for an optimiser that only takes gradient steps: its penalties are ordinary
+    losses.
+    """
     program = without_corners(plan.program)
     rollout = replace(plan.rollout, program=without_corners(plan.rollout.program))
     return replace(plan, program=program, rollout=rollout)
 
 
 def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -> list[StagePlan]:
-    """The plans of the stages; errors go to `findings`."""
+    """Fills in the defaults of the stages of a spec; errors and warnings go to `findings`."""
     plans, said = _plans(program, tuple(stages))
     findings.report(*said)
     return list(plans)
@@ -289,7 +296,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
 def _rate(
     program: Program, stage: Stage, trained: Sequence[str], findings: Findings
 ) -> float | None:
-    """The learning rate, 1 if it is searched; None for methods with their own step size."""
+    """The learning rate of a stage; 1 with `lr: auto`, None if the optimiser has none."""
     match stage.optimizer.choice:
         case Adam(lr=lr) | AdamW(lr=lr) | Sgd(lr=lr) | Lbfgs(lr=lr):
             return 1.0 if lr == "auto" else lr
@@ -329,10 +336,12 @@ def _matching(
 
 
 def fixed_starts(plan: StagePlan) -> list[Diagnostic]:
-    """Rule R7: an `init` that does not read data is the value at a recording's first row.
+    """Warnings about states that begin each rollout with the value of a recording's first row (rule
+    R7).
 
-    Exempt are states that only mean "a run begins" and states that only losses use: an integral in
-    a loss starts with the rollout. The caller must know that rollouts start inside recordings.
+    A rollout inside a recording then begins with a wrong state. Exempt are states that only mean "a
+    run begins" and states that only losses use: an integral in a loss starts with the rollout. The
+    caller must know that rollouts start inside recordings.
     """
     program = plan.rollout.program
     following = {state.name: state.next for state in program.states}

@@ -13,7 +13,9 @@ Weights = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatedStarts:
-    """Initial states of runs that were estimated together with the parameters."""
+    """The initial states of rollouts, as training has estimated them together with the
+    parameters.
+    """
 
     t0: IntArray
     """(runs,): the row in which each run begins."""
@@ -25,7 +27,10 @@ class EstimatedStarts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageResult:
-    """The best weights and the epoch that reached them; epoch 0 means the initial weights."""
+    """The result of a stage: its best weights and the epoch that reached them.
+
+    Epoch 0 means that the initial weights were the best.
+    """
 
     best: Weights
     best_value: float

@@ -18,7 +18,7 @@ from spec_schema.sections.optimizers import OptionValue, TorchOptimizer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NumberLimits:
-    """Limits of a number: least ≤ number ≤ most, above < number < below."""
+    """The allowed values of a numeric option: least ≤ number ≤ most, above < number < below."""
 
     least: float = -math.inf
     most: float = math.inf
@@ -35,7 +35,7 @@ OptionRule: TypeAlias = NumberLimits | Literal["switch"] | Words | tuple[NumberL
 
 @dataclass(frozen=True, slots=True)
 class TorchOptimizerRule:
-    """The options of a class of `torch.optim`, and its default learning rate."""
+    """The options that a class of `torch.optim` takes, and its default learning rate."""
 
     lr: float
     options: Mapping[str, OptionRule]
@@ -133,7 +133,9 @@ def check_torch_optimizer(
     trained: Iterable[Parameter],
     findings: Findings,
 ) -> float:
-    """The learning rate; options that torch would refuse go to `findings`."""
+    """The learning rate of an optimiser of torch; unknown and wrong options are reported to
+    `findings`.
+    """
     name = optimizer.name
     rule = TORCH_OPTIMIZERS.get(name.value)
     if rule is None:

@@ -26,7 +26,10 @@ _LAST_QUESTIONS = timedelta(seconds=10)
 
 
 class GlooRanks:
-    """The processes of one training. Communication raises RankLostError if a process is lost."""
+    """The processes of one training, which exchange bytes by gloo, a library that torch contains.
+
+    All methods that communicate raise RankLostError if a process is lost.
+    """
 
     def __init__(self) -> None:
         with _reached():
@@ -48,14 +51,16 @@ class GlooRanks:
         return self.rank == 0
 
     def receive(self, sums: NDArray[np.uint8]) -> None:
-        """Replaces sums by those of the previous rank; the first rank keeps its own."""
+        """Receives the sums of the previous rank into `sums`; the first rank keeps its own."""
         # sums go through ranks in a row: added in one order, they have the same bits for any number
         if self.rank:
             with _reached():
                 gloo.recv(torch.from_numpy(sums), self.rank - 1)
 
     def hand_on(self, sums: NDArray[np.uint8]) -> None:
-        """Sends sums to the next rank, and replaces them by those of the last rank."""
+        """Sends `sums` to the next rank; then replaces them by those of the last rank, which has
+        all.
+        """
         last = self.count - 1
         with _reached():
             # the last has all sums, and tells them to everybody
@@ -71,7 +76,7 @@ class GlooRanks:
         return found.tolist()
 
     def agree(self, content: bytes) -> bool:
-        """True if all ranks have the same content; the result is the same on each."""
+        """True if all ranks called this with the same content; each gets the same answer."""
         digest = hashlib.sha256(content).digest()
         # 48 bits, which float64 holds exactly; the most of −x is the least of x
         number = float(int.from_bytes(digest[:6]))
@@ -92,7 +97,7 @@ class GlooRanks:
         return found.numpy().tobytes()
 
     def is_speaker(self) -> bool:
-        """True if this process is the first to report why the training ends."""
+        """True for the one process that reports to the user why the training ends."""
         try:
             said = self._store.compare_set(_SPEAKER, "", str(self.rank))
             self._store.set(f"{_SPEAKER} {self.rank}", "has asked")

@@ -1,4 +1,4 @@
-"""Detects if torchrun has started this process together with others."""
+"""Detects if torchrun, the launcher of torch, has started this process together with others."""
 
 from __future__ import annotations
 

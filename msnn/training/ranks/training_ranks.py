@@ -16,10 +16,9 @@ class RankLostError(Exception):
 
 
 class TrainingRanks(Protocol):
-    """The processes of one training, in the form that kernels use
-    (`backends.native.kernel.Ranks`).
+    """The processes that share one training; kernels call it too (`backends.native.kernel.Ranks`).
 
-    All communication raises RankLostError.
+    All methods that communicate raise RankLostError if a process is lost.
     """
 
     @property
@@ -33,11 +32,13 @@ class TrainingRanks(Protocol):
         ...
 
     def receive(self, sums: NDArray[np.uint8]) -> None:
-        """Replaces sums by those of the previous rank; the first rank keeps its own."""
+        """Receives the sums of the previous rank into `sums`; the first rank keeps its own."""
         ...
 
     def hand_on(self, sums: NDArray[np.uint8]) -> None:
-        """Sends sums to the next rank, and replaces them by those of the last rank."""
+        """Sends `sums` to the next rank; then replaces them by those of the last rank, which has
+        all.
+        """
         ...
 
     @property
@@ -50,7 +51,7 @@ class TrainingRanks(Protocol):
         ...
 
     def agree(self, content: bytes) -> bool:
-        """True if all ranks have the same content; the result is the same on each."""
+        """True if all ranks called this with the same content; each gets the same answer."""
         ...
 
     def from_first(self, content: bytes) -> bytes:
@@ -61,7 +62,7 @@ class TrainingRanks(Protocol):
 def weights_of_first(
     ranks: TrainingRanks | None, weights: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """The weights of the first rank, because results of fits depend on the processor."""
+    """The weights of rank 0, sent to all ranks: fitted initial weights depend on the processor."""
     if ranks is None:
         return dict(weights)
     flat = np.frombuffer(ranks.from_first(weight_bytes(weights)), float)

@@ -1,4 +1,7 @@
-"""Writes the position of a run, sufficient to continue bit for bit; it cannot contain code."""
+"""Saves the progress of a run in a file, from which training continues with the same bits.
+
+The file contains arrays and JSON, and no code.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,9 @@ _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingPosition:
-    """The position within an attempt, the state of its engine, and the best weights so far."""
+    """The progress within one attempt at a stage, with the state of its engine and the best
+    weights.
+    """
 
     epoch: int
     """Completed epochs of the attempt."""
@@ -59,7 +64,7 @@ class TrainingPosition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checkpoint:
-    """The position of a run: completed stages, and the state of the current one."""
+    """The progress of a run: the results of completed stages, and the state of the current one."""
 
     ended: tuple[StageResult, ...]
     """Results of the completed stages; the current stage is the next one."""
@@ -75,7 +80,7 @@ class Checkpoint:
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
-    """Writes the file atomically."""
+    """Writes a checkpoint to `path`; the old file is replaced only when the new one is complete."""
     arrays = _above("begin", checkpoint.begin)
     results = {f"ended{number}": each for number, each in enumerate(checkpoint.ended)}
     if checkpoint.leader is not None:
@@ -113,7 +118,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
-    """Reads a checkpoint; SpecError for a damaged file or another version."""
+    """Reads a checkpoint; SpecError if the file is damaged or of another version of the format."""
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}

@@ -52,7 +52,7 @@ MOST_NUMBERS = 16
 
 
 class Curves:
-    """Writes the scalars of each epoch, one group per stage; the step is the epoch."""
+    """Writes an event file for TensorBoard: the scalars of each epoch, one group per stage."""
 
     def __init__(self, folder: Path) -> None:
         writer, self._event, self._summary = _tensorboard()
@@ -64,7 +64,7 @@ class Curves:
         self._is_begun = False
 
     def epoch_ended(self, event: EpochEnd, weights: Mapping[str, FloatArray]) -> None:
-        """Losses, learning rate and parameters after an epoch."""
+        """Writes losses, learning rate and elements of parameters after an epoch."""
         run = f"/run {event.attempt}" if event.attempts > 1 else ""
         scalars = {**_scalars(event), **dict(_numbers(weights))}
         values = [

@@ -13,7 +13,9 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, describe
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageStart:
-    """A stage begins: its name, epochs, training and watched rollouts."""
+    """The event that a stage begins: its name, number of epochs, and numbers and kinds of
+    rollouts.
+    """
 
     number: int
     stages: int
@@ -35,7 +37,10 @@ class StageStart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpochEnd:
-    """An epoch is complete; losses are unweighted, the total is weighted."""
+    """The event that an epoch is complete, with its losses, monitor and duration.
+
+    `losses` are unweighted; `total` is their weighted sum.
+    """
 
     stage: str
     attempt: int
@@ -56,13 +61,13 @@ class EpochEnd:
     """Since the attempt began."""
 
     def record(self) -> dict[str, Any]:
-        """All fields by name."""
+        """All fields of the event by name, for `metrics.jsonl`."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageEnd:
-    """A stage is complete, with the reason."""
+    """The event that a stage is complete: the reason, its best monitor and epoch."""
 
     stage: str
     attempt: int
@@ -81,7 +86,7 @@ def leading_epochs(attempts: Iterable[Sequence[EpochEnd]]) -> Sequence[EpochEnd]
 
 
 class Progress(Protocol):
-    """Receives events in their order."""
+    """The receiver of a training's events, in their order; pass one to `train`."""
 
     def stage_started(self, event: StageStart) -> None: ...
 
@@ -93,7 +98,7 @@ class Progress(Protocol):
 
 
 class Silent:
-    """Ignores all events."""
+    """A receiver that ignores all events."""
 
     def stage_started(self, event: StageStart) -> None:
         del event
@@ -109,7 +114,10 @@ class Silent:
 
 
 class Lines:
-    """Prints lines; on a terminal one line that is rewritten, else one every few seconds."""
+    """A receiver that prints lines for people.
+
+    On a terminal it rewrites one line; elsewhere it prints one every few seconds.
+    """
 
     def __init__(self, stream: TextIO, *, terminal: bool, interval: float = 5.0) -> None:
         self._stream = stream
@@ -118,7 +126,7 @@ class Lines:
         self._shown = -float("inf")
 
     def stage_started(self, event: StageStart) -> None:
-        """Names the stage and its size."""
+        """Prints the name and size of a stage that begins."""
         self._shown = -float("inf")
         self._line(stage_text(event))
 
@@ -158,12 +166,12 @@ class LinesOfStages(Lines):
         self._is_last = self._is_over = False
 
     def stage_started(self, event: StageStart) -> None:
-        """Names the stage and its size."""
+        """Prints the name and size of a stage that begins, and notes if it is the last one."""
         self._is_last = event.number == event.stages
         super().stage_started(event)
 
     def stage_ended(self, event: StageEnd) -> None:
-        """Shows the result of the stage."""
+        """Prints the result of the stage; later warnings are collected if it was the last one."""
         self._is_over = self._is_last
         super().stage_ended(event)
 

@@ -30,7 +30,10 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
 def open_run(
     program: Program, options: TrainingOptions, record: Mapping[str, Any]
 ) -> tuple[RunFolder | None, Checkpoint | None]:
-    """A new folder with its description, or the folder and checkpoint of the resumed run."""
+    """Creates the folder of a new run, or finds the folder and checkpoint of a run to resume.
+
+    `record` is the content of `run.json`. Returns None twice if the run writes no files.
+    """
     if options.runs is None:
         return None, None
     if not options.resume:
@@ -88,7 +91,9 @@ def _again(folder: RunFolder, record: Mapping[str, Any]) -> tuple[RunFolder, Che
 
 
 class NotedProgress:
-    """Forwards every event, and saves epochs in `metrics.jsonl` and the rest in `run.json`."""
+    """Forwards every event to `Progress`, and saves epochs in `metrics.jsonl`, other events in
+    `run.json`.
+    """
 
     def __init__(self, shown: Progress, folder: RunFolder | None) -> None:
         self._shown, self._folder = shown, folder
@@ -135,7 +140,9 @@ class NotedProgress:
         said: Sequence[Diagnostic] = (),
         zero: Sequence[Mapping[str, Any]] = (),
     ) -> None:
-        """Records how the run ended, its final warnings, and slices that are 0."""
+        """Writes how the run ended to `run.json`, with its last warnings and the slices
+        that are 0.
+        """
         for diagnostic in said:
             self._note(diagnostic)
         if self._folder is not None:
@@ -173,7 +180,7 @@ RECENT = 1.0
 
 @dataclass(slots=True)
 class Safekeeping:
-    """Writes improved weights and checkpoints; does nothing for a run without files.
+    """Writes checkpoints and improved weights of a run; does nothing for a run without files.
 
     Files are replaced atomically and synchronised with the disk, the weights first. After a full
     disk or power failure, an earlier state remains.
@@ -191,7 +198,9 @@ class Safekeeping:
         self._saved = self.now()
 
     def is_due(self, ahead: float) -> bool:
-        """True if a checkpoint is due before `ahead` seconds of further work."""
+        """True if a checkpoint must be written now, because the next part of the work takes `ahead`
+        seconds.
+        """
         since = self.now() - self._saved
         return self.folder is not None and since + ahead + WRITING >= self.most_lost
 
@@ -221,10 +230,11 @@ class Safekeeping:
 
 @contextmanager
 def end_on_interrupt(*, second_kills: bool = True) -> Generator[threading.Event]:
-    """Sets the event at the first Ctrl-C or SIGTERM; the second one kills the process.
+    """A context with an event that the first Ctrl-C or SIGTERM sets; the second one raises
+    KeyboardInterrupt.
 
-    torchrun forwards signals that its processes have already received. There the second signal is a
-    repetition of the first.
+    torchrun forwards signals that its processes have already received. There (`second_kills` False)
+    the second signal is a repetition of the first.
     """
     asked = threading.Event()
     # Python hands signals to the main thread alone and refuses handlers elsewhere

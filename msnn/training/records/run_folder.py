@@ -40,7 +40,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """Writes the files of a run, each atomically."""
+    """The folder of one run, `runs/<program>/<time>`; each file in it is replaced atomically."""
 
     path: Path
     program: Program
@@ -80,7 +80,7 @@ class RunFolder:
         return self.path.relative_to(link.parent)
 
     def has(self, error: OSError) -> bool:
-        """True if an error is about a file of the run."""
+        """True if an error of the operating system is about a file in this folder."""
         return isinstance(error.filename, str) and self.path in Path(error.filename).parents
 
     @property
@@ -100,8 +100,10 @@ class RunFolder:
         return self.metrics.stat().st_size
 
     def go_on_from(self, metrics: int) -> None:
-        """Removes everything written after a checkpoint; `metrics` is the length of the metrics
-        file.
+        """Prepares a resumed run: cuts `metrics.jsonl` to the length `metrics` in bytes that it had
+        at the checkpoint.
+
+        Incomplete files are removed too.
         """
         # incomplete files of the killed process
         for left in self.path.glob(".*.part"):
@@ -241,9 +243,10 @@ def held(run: Path | None) -> Generator[None]:
 
 @contextmanager
 def alone(run: Path) -> Generator[None]:
-    """Waits until no other process trains the run of this folder, which need not exist yet.
+    """A context in which no other process uses `alone` for this run's folder; waits until it is
+    free.
 
-    Other commands that use `alone` wait too. There is no lock on Windows.
+    The folder need not exist yet. There is no lock on Windows.
     """
     if sys.platform == "win32":
         yield

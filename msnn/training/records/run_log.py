@@ -29,7 +29,7 @@ State = Literal["finished", "diverged", "refused"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """The metrics of one output or loss, for one kind of simulation and one set."""
+    """The metrics of one output or loss, for one kind of simulation and one set of the data."""
 
     of: str
     unit: str
@@ -44,7 +44,9 @@ class Measured:
 
     @property
     def way(self) -> tuple[str, str, str]:
-        """The key that must agree for metrics of two models to be comparable."""
+        """The output, kind of simulation and unit: metrics of two models are comparable if these
+        are equal.
+        """
         return self.of, self.rollout, self.unit
 
 
@@ -64,7 +66,9 @@ class Cost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunLine:
-    """One training: its model and settings, its result, its metrics, and the cost of its C code."""
+    """One line of the log `runs.jsonl`: the model and settings of a training, its results and its
+    cost.
+    """
 
     format: Literal[1] = 1
     key: str
@@ -121,7 +125,10 @@ def read(log: Path) -> list[RunLine]:
 
 
 def measured_in(report: ValidationReport) -> tuple[Measured, ...]:
-    """Each output and kind of simulation once with all metrics; losses with their value."""
+    """The metrics of a validation report, one entry for each output and kind of simulation.
+
+    A loss has its value instead of metrics.
+    """
     found: dict[tuple[str, str], Measured] = {}
     every = {(each.of, rollout_text(each)): each.metrics for each in report.measurements}
     for row in report.rows:

@@ -1,4 +1,6 @@
-"""Records the origin, the stages and what determines the bits of a run in `run.json`."""
+"""Describes a run for `run.json`: its stages, spec, data and versions, and what its bits
+depend on.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,10 @@ _SAME_BITS = frozenset({"threads"})
 def run_record(
     program: Program, plans: Sequence[StagePlan], data: Dataset, parts: Sequence[SubmodelFile] = ()
 ) -> dict[str, Any]:
-    """The resolved stages, hashes of spec and data, versions, and reproducibility."""
+    """The content of `run.json`: resolved stages, hashes of spec and data, versions,
+    reproducibility.
+    """
+    plugins = {suffix: asdict(plugin) for suffix, plugin in data.plugins.items()}
     return {
         "format": _FORMAT,
         "program": program.name,
@@ -49,6 +54,7 @@ def run_record(
             "files": [record.file for record in data.records],
             "rows": {name: int(data.in_set(name).sum()) for name in data.sets},
             "sha256": data_hash(data),
+            **({"plugins": plugins} if plugins else {}),
         },
     }
 
@@ -64,7 +70,10 @@ def _versions() -> dict[str, str]:
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Differences that prevent resuming a run, one line each: `train.0.epochs: 6, now 8`."""
+    """The differences between two records of runs that prevent resuming, one line each.
+
+    Example: `train.0.epochs: 6, now 8`.
+    """
     found: list[str] = []
     now = json.loads(json.dumps(now))  # lists, not tuples: as it is read back
     if before.get("spec_sha256") != now["spec_sha256"]:
@@ -144,14 +153,14 @@ def bits_record(program: Program, plans: Sequence[StagePlan]) -> dict[str, Any]:
 
 
 def as_it_ran(record: Mapping[str, Any], plan: StagePlan) -> dict[str, Any]:
-    """The record after a stage fell back from its planned kernel."""
+    """The entry `bits` of `run.json` after a stage did not use the kernel that was planned."""
     reason = _TORCH if plan.engine == "torch" else _NOT_FLOAT32
     depends_on = {**record.get("depends_on", {}), plan.name: reason}
     return {**record, "reproducible": False, "depends_on": depends_on}
 
 
 def _depends_on(plan: StagePlan, kernels: KernelDescription | None) -> str:
-    """The cause besides spec and data that determines the bits of a stage; empty if there is
+    """The software besides msnn that determines the bits of a stage, as a text; empty if there is
     none.
     """
     if plan.engine == "torch" or kernels is None:
@@ -168,7 +177,7 @@ def _depends_on(plan: StagePlan, kernels: KernelDescription | None) -> str:
 
 
 def stage_record(plan: StagePlan) -> dict[str, object]:
-    """The stage with every default filled in."""
+    """The plan of a stage as a JSON object, with every default filled in."""
     return {
         "name": plan.name,
         "epochs": plan.epochs,
@@ -206,7 +215,7 @@ def stage_record(plan: StagePlan) -> dict[str, object]:
 
 
 def stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
-    """The event for a completed stage."""
+    """The `StageEnd` event for the result of a stage."""
     return StageEnd(
         stage=plan.name,
         attempt=result.attempt + 1,

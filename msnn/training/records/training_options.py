@@ -22,8 +22,9 @@ from spec_schema.sections.spec import Spec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingOptions:
-    """Options of a training and its folder; `runs` None writes no files, `resume` continues the
-    newest.
+    """Options of a training that are not in the spec: its folder, checkpoints, device, curves.
+
+    Without `runs` and `folder` no files are written. `resume` continues the newest unfinished run.
     """
 
     runs: Path | None = Path("runs")
@@ -96,7 +97,10 @@ def in_folder(options: TrainingOptions, folder: Path, *, goes_on: bool = True) -
 
 
 def black_boxes(spec: Spec) -> frozenset[str]:
-    """Full names of black-box layers, and of local models with black-box cells."""
+    """The full names of layers with `black_box`, whose weights have no physical meaning.
+
+    A local model with such cells is one too.
+    """
     return frozenset(name for name, layer in spec.layers.items() if _is_one(layer))
 
 

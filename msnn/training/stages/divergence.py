@@ -102,7 +102,7 @@ def _results(program: Program) -> list[NodeId]:
 
 
 def _member_not_finite(moment: RolloutRow, node: NodeId) -> int | None:
-    """The first rollout in which the node's value is not finite."""
+    """The index of the first rollout in which the node's value is not finite; None if all are."""
     value = moment.values.nodes[node]
     if value is None:
         return None
@@ -183,7 +183,7 @@ _STIFF = (
 def divergence_repair(
     program: Program, origin: Node, *, overflows: bool, second_order: bool, before_updates: bool
 ) -> str:
-    """The advice for the user.
+    """The advice of the diagnostic about a non-finite value, as a text.
 
     `origin` is the first non-finite value; `overflows` is true if it is too large. Before any
     update, the weights are those of the spec, so learning rate and step limits would not help.

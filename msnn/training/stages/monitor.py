@@ -1,4 +1,4 @@
-"""Selects the best weights of a stage by its losses over the watched rollouts."""
+"""Computes the monitor of a stage, the loss by which its best weights are selected."""
 
 from __future__ import annotations
 
@@ -77,11 +77,11 @@ def _decay(plan: StagePlan, weights: Weights) -> float:
 
 
 def loss_values(plan: StagePlan, sums: LossSums) -> dict[str, float]:
-    """Each loss by its name."""
+    """The value of each loss, by name, from its sum and count."""
     measures: dict[str, Measure] = {loss.name: loss.measure for loss in plan.rollout.program.losses}
     return {name: value.value(measures[name]) for name, value in sums.items()}
 
 
 def weighted_total(plan: StagePlan, values: Mapping[str, float]) -> float:
-    """The total that the stage minimises."""
+    """The total: the weighted sum of the loss values."""
     return sum(weight * values[name] for name, weight in plan.loss_weights.items() if weight)

@@ -36,7 +36,10 @@ _TOO_FAR = 4.0
 def searched_rate(
     plan: StagePlan, engine: Engine, runs: Runs, attempt: int, spread: float
 ) -> float:
-    """The learning rate of the first epoch of an attempt at a stage."""
+    """Searches the learning rate for one attempt at a stage with `lr: auto` (see the module).
+
+    `runs` are the training rollouts, `spread` is the weight of priors. The engine is restored.
+    """
     order = engine.order(len(runs), order_key(plan.seed, plan.index, 0, attempt))
     size = plan.batch or len(order)
     # always the same batch: from batch to batch losses differ by more than a step changes them
@@ -63,7 +66,9 @@ def searched_rate(
 
 
 def _batch(order: IntArray, size: int, number: int) -> IntArray:
-    """The batch with that number, cyclically."""
+    """The batch with index `number`: the indices of its rollouts; begins again after the last
+    batch.
+    """
     batches = -(-len(order) // size)
     begin = number % batches * size
     return np.ascontiguousarray(order[begin : begin + size])

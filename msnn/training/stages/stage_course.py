@@ -1,4 +1,6 @@
-"""Analyses the course of a stage: dominant loss, late jumps, chosen epoch, unmoved parameters."""
+"""Warns about the course of a stage: one loss dominates, late jumps, parameters that do not
+move.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,7 @@ Weights = Mapping[str, FloatArray]
 
 
 class StageCourse:
-    """Collects the first, best, following and last epoch of each attempt at a stage."""
+    """A receiver of epochs that warns at the end of a stage about what they have shown."""
 
     def __init__(self) -> None:
         self._first: dict[int, EpochEnd] = {}
@@ -205,7 +207,7 @@ SHARE = 0.3
 
 
 class LateJumps:
-    """Receives the epochs of one attempt at a stage."""
+    """A receiver of epochs that looks for jumps of the monitor late in an attempt at a stage."""
 
     def __init__(self) -> None:
         self._late, self._jumps = 0, 0
@@ -227,7 +229,7 @@ class LateJumps:
                 self._largest, self._at, self._rate = ratio, event.epoch, event.lr
 
     def hint(self, plan: StagePlan) -> Diagnostic | None:
-        """A hint with a lower learning rate; None without jumps."""
+        """A diagnostic that proposes a lower learning rate; None if there were few jumps."""
         key = _key(plan)
         if key is None or self._jumps <= OFTEN * self._late:
             return None
@@ -243,7 +245,7 @@ class LateJumps:
 
 
 def _key(plan: StagePlan) -> str | None:
-    """The key of the learning rate; None for methods with their own step size."""
+    """The key of the spec that has the learning rate; None for methods with their own step size."""
     match plan.optimizer:
         case Adam():
             return "adam.lr"

@@ -33,12 +33,15 @@ from msnn.training.stages.stage_starts import StageStarts
 
 
 class Interrupted(Exception):  # noqa: N818  (an event, no error)
-    """The user interrupted the training; the run is between two batches."""
+    """The user interrupted the training, between two batches."""
 
 
 @dataclass(slots=True, kw_only=True)
 class StageRun:
-    """One attempt at a stage with its engine and data; `run` trains its epochs."""
+    """One attempt at a stage; `run` trains its epochs with an engine.
+
+    A stage with `starts:` in its spec has several attempts, from different initial weights.
+    """
 
     plan: StagePlan
     engine: Engine
@@ -78,7 +81,7 @@ class StageRun:
     """Initial states of the epoch in which the training was interrupted."""
 
     def resume(self, place: TrainingPosition) -> None:
-        """Continues from a position in this attempt."""
+        """Restores the state of this attempt from a checkpoint."""
         self.engine.restore(place.engine)
         self.epoch, self.batch = place.epoch, place.batch
         self.best_value, self.best_epoch = place.best_value, place.best_epoch
@@ -128,7 +131,7 @@ class StageRun:
         )
 
     def place(self) -> TrainingPosition | None:
-        """The current position of the attempt; None before it has begun."""
+        """The current progress of the attempt for a checkpoint; None before it has begun."""
         if self.best is None:
             return None
         return TrainingPosition(
@@ -155,7 +158,7 @@ class StageRun:
 
     @property
     def _better(self) -> int:
-        """The epoch from which patience is counted."""
+        """The epoch from which `patience` counts epochs without improvement."""
         return max(self.best_epoch, self.plan.whole_from)
 
     def _reason_to_end(self) -> str | None:
@@ -222,7 +225,10 @@ class StageRun:
         return sums
 
     def _agreed(self, seconds: float, stops: bool) -> tuple[float, bool]:
-        """Broadcasts the decision, so that all ranks stop after the same batch."""
+        """The longest duration of all ranks, and True if any of them stops.
+
+        So all ranks stop after the same batch.
+        """
         if self.ranks is None:
             return seconds, stops
         longest, any_stops = self.ranks.most((seconds, float(stops)))
@@ -288,10 +294,10 @@ CALL = 0.25
 
 @dataclass(slots=True)
 class Pace:
-    """Measures calls to choose their number of batches; begins with one batch and doubles.
+    """Chooses how many batches the next call of an engine trains, by the duration of the last one.
 
-    Small models run whole epochs in one call: after eight calls, a stage is at 200 batches. A batch
-    that takes longer than `CALL` is a call of its own.
+    A call should take about `CALL` seconds, so that a training stops soon after Ctrl-C. The number
+    begins at 1 and doubles. A batch that takes longer is a call of its own.
     """
 
     most: int
@@ -309,7 +315,7 @@ class Pace:
 
 @dataclass(slots=True)
 class StageAttempts:
-    """The attempts at one stage; `current` is the running or last one."""
+    """The attempts at one stage, one after the other; `leader` is the best result so far."""
 
     plan: StagePlan
     opened: Callable[[int], StageRun]
@@ -339,7 +345,9 @@ class StageAttempts:
             self.current.resume(checkpoint.place)
 
     def checkpoint(self, before: Checkpoint) -> Checkpoint:
-        """The current position of a run that began this stage at `before`."""
+        """A checkpoint with the current progress; `before` is the one with which this stage
+        began.
+        """
         now = self.current
         return Checkpoint(
             ended=before.ended,

@@ -19,7 +19,9 @@ Weights = Mapping[str, FloatArray]
 
 
 class StageStarts:
-    """Estimates initial states of a stage's runs, if its plan requires it."""
+    """Estimates the initial states of a stage's rollouts by least squares, and has the last
+    result.
+    """
 
     def __init__(
         self,
@@ -35,12 +37,18 @@ class StageStarts:
         """The initial states of the training runs."""
 
     def for_training(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
-        """The series with the initial states of training runs, estimated at these weights."""
+        """Estimates the initial states of training rollouts at these weights; returns them as
+        series.
+
+        A series (rows, *shape) has the initial state of a rollout at its start row.
+        """
         self.found = self._find(runs, weights, self._rows.train_rows)
         return self.series()
 
     def for_watching(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
-        """The series with the initial states of watched runs, estimated at these weights."""
+        """Estimates the initial states of the monitor's rollouts at these weights; returns them as
+        series.
+        """
         return self._find(runs, weights, self._rows.watched_rows).series(self._data.rows)
 
     def series(self) -> dict[str, FloatArray]:
@@ -65,8 +73,8 @@ class StageStarts:
         return {} if self.found is None else self.found.values
 
     def report(self) -> None:
-        """Reports uncertain estimates of the last epoch, unless training estimates initial
-        states.
+        """Warns about uncertain estimates of the last epoch, unless initial states are trained like
+        parameters.
         """
         if self.found is not None and not self._plan.estimates_starts:
             name = f"stage `{self._plan.name}`"

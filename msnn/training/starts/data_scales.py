@@ -122,7 +122,7 @@ def _scaled(plan: StagePlan, scales: Mapping[str, float]) -> StagePlan:
 
 
 def with_scales(program: Program, scales: Mapping[str, float]) -> Program:
-    """The program with these scales of parameters."""
+    """The program in which the parameters named in `scales` have these scales."""
     parameters = tuple(
         replace(p, scale=scales[p.name]) if p.name in scales else p for p in program.parameters
     )

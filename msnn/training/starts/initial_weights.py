@@ -31,9 +31,11 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 def with_statistics(
     program: Program, data: Dataset, weights: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """The weights with mean and standard deviation of the training rows, without missing values.
+    """Sets parameters that are a statistic of a signal: its mean or standard deviation in training
+    rows.
 
-    Raises SpecError if a signal has no rows, or is constant and would be divided by 0.
+    Missing values are ignored. Raises SpecError if a signal has no rows, or is constant and would
+    be divided by 0.
     """
     found = dict(weights)
     faults: list[Diagnostic] = []
@@ -88,9 +90,11 @@ _AT_ONCE = 1 << 16
 def fitted_arrays(
     fit: Fit, program: Program, data: Dataset, weights: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray] | None:
-    """The arrays of the layer by their local names; None if there are too few rows.
+    """Initial values of an `iir` or `state_space` layer, fitted to the training rows by least
+    squares.
 
-    Learned parameters in the argument have their initial values.
+    Returns the arrays by their local names; None if there are too few rows. Learned parameters in
+    the argument of the layer have their initial values.
     """
     parts = list(_series(fit, program, data, weights))
     if not parts:
@@ -108,7 +112,7 @@ def fitted_arrays(
 
 
 def _filters(fit: Fit, parts: list[RowsWithoutGap]) -> dict[str, FloatArray] | None:
-    """One filter per element."""
+    """Fits one filter per element of the argument."""
     structure = FilterStructure(0, fit.num, fit.den, fit.radius, is_direct=True)
     columns = range(parts[0].inputs.shape[1])
     found = [fitted_filter(_pieces(parts, column), structure) for column in columns]
@@ -145,7 +149,11 @@ def _pieces(parts: list[RowsWithoutGap], column: int) -> list[UnbrokenRows]:
 def _series(
     fit: Fit, program: Program, data: Dataset, weights: Mapping[str, FloatArray]
 ) -> Iterator[RowsWithoutGap]:
-    """Argument and target of every interval of training rows in which both are known."""
+    """Yields the values of a layer's argument and of its target, for each interval of training
+    rows.
+
+    An interval ends where one of them is missing.
+    """
     back, ahead = _reach(fit.argument)
     node = fit.argument.nodes[-1]
     output = Output(fit.layer, len(fit.argument) - 1)
@@ -186,13 +194,13 @@ def _series(
 
 
 def _reach(argument: Graph) -> tuple[int, int]:
-    """The number of samples before and after t that the argument reads."""
+    """How many samples before t and after t the argument reads."""
     reads = [node.op for _, node in argument if isinstance(node.op, ReadSignal)]
     return max([0, *(-read.first for read in reads)]), max([0, *(read.last for read in reads)])
 
 
 def first_weights(program: Program, data: Dataset) -> dict[str, FloatArray]:
-    """The initial values, with statistics and fits from the training rows.
+    """The weights with which training begins: initial values, statistics and fits of training rows.
 
     Raises SpecError if the rows do not determine them.
     """
@@ -235,7 +243,9 @@ def drawn_weights(
 def begins_alike(
     program: Program, plan: StagePlan, weights: Weights, redrawn: Draws | None
 ) -> bool:
-    """True if all of several attempts at a stage are identical."""
+    """True if several attempts at a stage would all be identical, because nothing random is in
+    them.
+    """
     if plan.attempts == 1 or plan.masks:
         return False
     second = drawn_weights(program, plan, weights, redrawn, 1)

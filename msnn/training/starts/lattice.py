@@ -42,7 +42,9 @@ class Lattice:
 
 
 def lattice_of(reflection: FloatArray) -> Lattice:
-    """The lattice with these coefficients."""
+    """The lattice filter with these reflection coefficients, (order,), as matrices of a state-space
+    model.
+    """
     order = len(reflection)
     signals = np.eye(order + 1)
     forward = signals[order]
@@ -74,7 +76,7 @@ def backward_polynomials(reflection: FloatArray) -> FloatArray:
 
 
 def denominator_of(reflection: FloatArray) -> FloatArray:
-    """A from z⁰, which begins with 1."""
+    """The coefficients of A in 1/z, (order + 1,), which begin with 1."""
     return backward_polynomials(reflection)[-1, ::-1]
 
 

@@ -69,7 +69,9 @@ class FilterStructure:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The response of a filter to the input and to the unknown samples before each segment."""
+    """The solution of the least-squares equations: gains of the input, and of each segment's
+    unknown past.
+    """
 
     gains: FloatArray
     """Coefficients of b₀ … of the input."""
@@ -94,21 +96,23 @@ class FilterEquations:
 
     @property
     def signals(self) -> FloatArray:
-        """The columns b(u)."""
+        """The columns b(u) after QR: (rows, taps)."""
         return self.triangle[:, : self.structure.taps]
 
     @property
     def output(self) -> FloatArray:
-        """The column y."""
+        """The column y after QR: (rows,)."""
         return self.triangle[:, self.structure.taps]
 
     @property
     def behind(self) -> FloatArray:
-        """The columns x."""
+        """The columns x after QR: (rows, poles)."""
         return self.triangle[:, self.structure.taps + 1 :]
 
     def response(self) -> Response:
-        """The least-squares coefficients."""
+        """The least-squares solution for the gains g, without c, and for the unknown past of each
+        segment.
+        """
         gains = least_squares(self.signals, self.output)
         depth, end = self.structure.depth, self.structure.depth + self.structure.taps
         # what the past explains is fitted to what the input leaves of it
@@ -212,12 +216,14 @@ class Filter:
 
     @property
     def denominator(self) -> FloatArray:
-        """A from z⁰; it begins with 1."""
+        """The coefficients of A in 1/z, which begin with 1."""
         return denominator_of(self.reflection)
 
 
 def fitted_filter(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> Filter | None:
-    """The filter with the minimum output error; None if the data do not determine one."""
+    """The filter that minimises the output error over the segments; None if there are too
+    few rows.
+    """
     # the unknown past of a piece takes `depth` of its rows, so that they are no equations
     long = [piece for piece in pieces if len(piece.input) > structure.depth]
     rows = sum(len(piece.input) - structure.depth for piece in long)
@@ -287,7 +293,11 @@ def _iterated(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> Flo
 def _descended(
     pieces: Sequence[UnbrokenRows], structure: FilterStructure, first: FloatArray
 ) -> _Fit:
-    """The equations with x driven by g b(u) instead of y: the Jacobian of the output error."""
+    """Gauss-Newton steps of the output error from the poles `first`, as long as the error
+    decreases.
+
+    The equations with x driven by g b(u), instead of y, have the Jacobian of the output error.
+    """
     best = _fit(pieces, structure, first)
     for _ in range(MOST_STEPS):
         turn = _fit(pieces, structure, best.reflection, best.response).turn
@@ -308,7 +318,7 @@ def _fit(
     reflection: FloatArray,
     driving: Response | None = None,
 ) -> _Fit:
-    """Least squares at these poles, with and without c x."""
+    """The least-squares solution at these poles, its error, and the direction to better poles."""
     equations = equations_of(pieces, structure, reflection, driving)
     # y + c x = g b(u), solved for y: the unknowns are g, then c
     both = np.concatenate((equations.signals, -equations.behind), axis=1)
@@ -319,7 +329,11 @@ def _fit(
 
 
 def _turned(structure: FilterStructure, reflection: FloatArray, turn: FloatArray) -> FloatArray:
-    """The reflection coefficients of the stable filter with the zeros of 1 + c (zI − A)⁻¹ b."""
+    """The reflection coefficients of A after an update: its roots are the zeros of 1 + c (zI − A)⁻¹
+    b.
+
+    `turn` is c. The roots are moved inside the circle `structure.radius`.
+    """
     lattice = lattice_of(reflection)
     # det(zI − A + b c) = det(zI − A) (1 + c (zI − A)⁻¹ b): the zeros are eigenvalues of A − b c
     zeros = np.linalg.eigvals(lattice.matrix - np.outer(lattice.drive, turn))

@@ -66,7 +66,7 @@ class LinearSystem:
 
 
 def _product(rows: FloatArray, matrix: FloatArray) -> FloatArray:
-    """rows @ matrix in blocks that BLAS computes on one thread."""
+    """rows @ matrix, computed in blocks that are small enough for BLAS to use one thread."""
     at_once = max(_AT_ONCE // matrix.size, 1)
     whole = len(rows) // at_once * at_once
     found = np.empty((len(rows), matrix.shape[1]))
@@ -99,13 +99,13 @@ if other processes are busy.
 
 
 class Triangle:
-    """R of the QR decomposition of all added rows."""
+    """The triangular factor R of a QR decomposition, to which rows are added in blocks."""
 
     def __init__(self, columns: int) -> None:
         self._found = np.zeros((0, columns))
 
     def add(self, rows: FloatArray) -> None:
-        """Adds any number of rows."""
+        """Adds any number of rows, (rows, columns), to the decomposition."""
         columns = rows.shape[1]
         # twice the columns at least: less would leave as many rows as there were
         part = max(2 * columns, _NUMBERS_AT_ONCE // columns)
@@ -116,19 +116,25 @@ class Triangle:
         self._found = _triangles(np.concatenate((self._found, rows)))
 
     def above(self, columns: int) -> FloatArray:
-        """Rows of R explained by the first `columns`."""
+        """The first `columns` rows of R: the equations that determine the first `columns`
+        unknowns.
+        """
         return self._found[:columns]
 
     def below(self, columns: int) -> FloatArray:
-        """Rows of R not explained by the first `columns`, independent of their coefficients."""
+        """The other rows of R, without the first `columns` columns: what does not depend on those
+        unknowns.
+        """
         return self._found[columns:, columns:]
 
 
 def _triangles(tables: FloatArray) -> FloatArray:
-    """R of one table, or of each table in a stack."""
+    """The factor R of a QR decomposition, of one table or of each table in a stack."""
     return np.asarray(np.linalg.qr(tables, mode="r"), dtype=np.float64)
 
 
 def least_squares(columns: FloatArray, wanted: FloatArray) -> FloatArray:
-    """The least-squares solution; with several solutions the one with the smallest norm."""
+    """The x that minimises |columns · x − wanted|; of several solutions the one with the smallest
+    norm.
+    """
     return np.asarray(np.linalg.lstsq(columns, wanted, rcond=None)[0], dtype=np.float64)

@@ -54,7 +54,7 @@ def with_read(
     radius: float,
     feedthrough: bool,
 ) -> StateSpaceArrays:
-    """C and D by least squares for this B."""
+    """The arrays of the layer for given A and B; C and D are computed by least squares."""
     matrix = radius * lattice_of(reflection).matrix
     system = LinearSystem(matrix, drive)
     order, inputs = drive.shape
@@ -92,7 +92,7 @@ def with_drive(
     radius: float,
     feedthrough: bool,
 ) -> StateSpaceArrays:
-    """B and D by least squares for this C.
+    """The arrays of the layer for given A and C; B and D are computed by least squares.
 
     C Aᵗ B is Bᵀ (Aᵀ)ᵗ Cᵀ: an output is B times the states of the transposed system driven by Cᵀ.
     """

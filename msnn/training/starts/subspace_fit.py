@@ -28,7 +28,9 @@ from msnn.training.starts.state_space_fit import (
 def fitted_system(
     series: Sequence[RowsWithoutGap], order: int, *, radius: float, feedthrough: bool
 ) -> StateSpaceArrays | None:
-    """A system near the minimum output error; None if the data do not determine one."""
+    """The arrays of a `state_space` layer near the minimum output error; None if there are too few
+    rows.
+    """
     inputs, outputs = series[0].inputs.shape[1], series[0].outputs.shape[1]
     depth = _depth(series, order, inputs + outputs, outputs)
     if depth is None:
@@ -97,7 +99,9 @@ def _mode(matrix: FloatArray, pole: complex) -> ComplexArray:
 
 
 def _responses(series: Sequence[RowsWithoutGap], order: int, depth: int) -> FloatArray:
-    """C, C A, C A² … stacked, in some coordinates of the state."""
+    """The extended observability matrix: C, C A, C A² … stacked, in some coordinates of the
+    state.
+    """
     inputs, outputs = series[0].inputs.shape[1], series[0].outputs.shape[1]
     explained, before = depth * inputs, depth * (inputs + outputs)
     triangle = Triangle(explained + before + depth * outputs)

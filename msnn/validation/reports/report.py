@@ -22,7 +22,7 @@ _METRICS_HEADER = ("of", "metric", "value", "unit", "limit", "", "rollout", "dat
 
 
 def metrics_table(report: ValidationReport) -> str:
-    """The text of `metrics_cells`."""
+    """The metrics as a printed table; see `metrics_cells`."""
     return metrics_cells(report).text
 
 
@@ -32,7 +32,7 @@ def metrics_cells(report: ValidationReport) -> Table:
 
 
 def metrics_markdown(name: str, report: ValidationReport) -> str:
-    """The same under a heading, as Markdown."""
+    """The metrics as a Markdown table below a heading that says if all limits are kept."""
     verdict = "every limit is kept" if report.passed else "a limit is broken"
     return f"## {name}: {verdict}\n\n{metrics_cells(report).markdown}\n"
 
@@ -73,7 +73,7 @@ def _metric_rows(report: ValidationReport) -> list[tuple[str, ...]]:
 
 
 def measurements_table(report: ValidationReport) -> str:
-    """The text of `measurements_cells`."""
+    """All metrics of each output as a printed table; see `measurements_cells`."""
     return measurements_cells(report).text
 
 
@@ -120,7 +120,7 @@ def curves_table(report: ValidationReport) -> str:
 
 
 def metrics_record(report: ValidationReport) -> dict[str, Any]:
-    """The metrics as JSON values."""
+    """The metrics, limits and error curves of a validation as a JSON object."""
     return {
         "passed": report.passed,
         "metrics": [
@@ -228,7 +228,7 @@ JUDGE = "interpreter"
 
 @dataclass(frozen=True, slots=True)
 class EnginesReport:
-    """The results of every available engine."""
+    """The validation by every available engine, to compare engines."""
 
     reports: Mapping[str, ValidationReport]
     left_out: Mapping[str, str]

@@ -9,7 +9,9 @@ from spec_schema.units.unit import Unit
 
 
 class Simulated(Protocol):
-    """A row with its kind of simulation."""
+    """An object with the kind of simulation that was evaluated: horizon, closed signals,
+    details.
+    """
 
     @property
     def horizon(self) -> str: ...
@@ -32,7 +34,7 @@ def rollout_text(row: Simulated) -> str:
 
 
 class ValidationRow(Simulated, Protocol):
-    """A row of a validation: an output, its simulation and its data."""
+    """An object with an output or loss, its kind of simulation and its data set."""
 
     @property
     def of(self) -> str: ...
@@ -47,7 +49,7 @@ def measured_as(row: ValidationRow) -> tuple[str, str, str]:
 
 
 def unit_text(unit: Unit | None) -> str:
-    """The unit as it was written; empty if None."""
+    """The text of a unit as the user wrote it; empty if None."""
     return "" if unit is None else unit.text
 
 
@@ -58,5 +60,5 @@ def difference_text(number: str, unit: Unit | None) -> str:
 
 
 def unit_of_record(text: str | None) -> Unit | None:
-    """The unit from its text in a run's JSON record."""
+    """The unit that a JSON record of a run names by its text; None if there is none."""
     return parse_unit(text) if text else None

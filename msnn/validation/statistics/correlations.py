@@ -33,7 +33,9 @@ _FEW = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correlation:
-    """A correlation function with its band, which contains 99 % of the values for noise."""
+    """A correlation function at some lags, and the band in which 99 % of the values of
+    noise lie.
+    """
 
     lags: IntArray
     """Lags in samples; at positive lags, the error is later than the other signal."""
@@ -296,7 +298,7 @@ def dispersion(error: FloatArray, signal: FloatArray, band: float, outside: floa
 
 @cache
 def _terms(band: float, outside: float) -> tuple[float, ...]:
-    """The coefficients a₂, a₄, … of κ."""
+    """The coefficients a₂, a₄, … of the series κ in `dispersion`."""
     # Heₘ / √m!, which stays small
     hermite = [1.0, band]
     for m in range(2, _TERMS):

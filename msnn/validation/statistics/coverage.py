@@ -92,8 +92,10 @@ class Counts:
         self._number += there.sum(axis=0)
 
     def coverage(self, autocorrelations: Iterable[FloatArray]) -> Coverage:
-        """The coverage so far, given the autocorrelation of each element's errors at lags from
-        1.
+        """The coverage of the samples added so far.
+
+        `autocorrelations` are those of the errors of each element, at lags from 1; they widen the
+        tolerance.
         """
         number = float(self._number.sum())
         memories = [1.0 + 2.0 * float(each @ each) for each in autocorrelations]

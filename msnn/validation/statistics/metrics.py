@@ -24,7 +24,10 @@ class Scores:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Count, mean and Σ(x − mean)² per element; merged by the formulas of Chan et al. (1979)."""
+    """Number, mean and Σ(x − mean)² of values per element; merged by the formulas of Chan et al.
+
+    (1979).
+    """
 
     count: IntArray
     mean: FloatArray
@@ -57,7 +60,7 @@ class Spread:
         return Spread(count, mean, squares)
 
     def joined(self) -> Spread:
-        """The statistics of all elements together."""
+        """The statistics over all elements together, instead of one for each."""
         found = Spread(self.count[:1], self.mean[:1], self.squares[:1])
         for i in range(1, len(self.count)):
             part = slice(i, i + 1)
@@ -67,7 +70,10 @@ class Spread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Additive sums for all metrics, of errors e = prediction − target per element."""
+    """The sums from which all metrics follow, per element; two of them can be added.
+
+    Errors are e = prediction − target.
+    """
 
     shape: tuple[int, ...]
     absolute: FloatArray

@@ -31,7 +31,9 @@ _LEVEL = "-O2"
 
 
 def board_check(link: Link, model: ExportedC, ram: Ram) -> ProofStep:
-    """The check; raises SpecError (E1320-E1324) if the board does not respond."""
+    """A check that replays golden vectors on a physical board; raises SpecError (E1320-E1324)
+    without answer.
+    """
 
     def run(folder: Path) -> Result:
         match link:

@@ -32,7 +32,7 @@ class RefusedMemoryError(Exception):
 
 
 class Debugger:
-    """A core behind a gdb server."""
+    """An ARM core that is controlled through a gdb server: memory, registers, breakpoints."""
 
     def __init__(self, packets: Packets) -> None:
         self._packets = packets
@@ -44,7 +44,7 @@ class Debugger:
             raise StubFailedError("the core is no ARM Cortex-M")
 
     def monitor(self, command: str) -> None:
-        """Sends a command to the server itself."""
+        """Sends a command to the gdb server itself, such as `reset halt`."""
         # the text of the command in hexadecimal digits
         self._packets.ask(b"qRcmd," + command.encode().hex().encode())
 
@@ -177,7 +177,7 @@ class Packets:
         self._received = b""
 
     def ask(self, command: bytes, seconds: float = 10.0) -> bytes:
-        """The reply to a command, without console output of the server."""
+        """Sends a command and returns the reply, without console output of the server."""
         self._send(command)
         end = time.monotonic() + seconds
         while (answer := self._packet(end)) and answer[:1] == b"O" and answer != b"OK":
@@ -189,7 +189,7 @@ class Packets:
         self._connection.sendall(b"\x03")
 
     def wait(self, seconds: float) -> bytes:
-        """The reply to the previous command."""
+        """Waits for the reply to the previous command, for at most `seconds`."""
         return self._packet(time.monotonic() + seconds)
 
     def _send(self, command: bytes) -> None:

@@ -14,7 +14,7 @@ _ALIGNED = 512
 
 @dataclass(frozen=True, slots=True)
 class Gdb:
-    """A gdb server that is already running."""
+    """A link to a board: a gdb server that is already running at `host:port`."""
 
     host: str
     port: int
@@ -22,21 +22,21 @@ class Gdb:
 
 @dataclass(frozen=True, slots=True)
 class OpenOcd:
-    """A configuration file for OpenOCD, which is started."""
+    """A link to a board: OpenOCD, started with a configuration file."""
 
     config: str
 
 
 @dataclass(frozen=True, slots=True)
 class PyOcd:
-    """The unique ID of a probe for pyOCD, which is started."""
+    """A link to a board: pyOCD, started for the debug probe with this unique ID."""
 
     probe: str
 
 
 @dataclass(frozen=True, slots=True)
 class Serial:
-    """A serial line to firmware that serves the golden vectors."""
+    """A link to a board: a serial line to firmware that replays the golden vectors."""
 
     port: str
     baud: int
@@ -47,7 +47,7 @@ Link: TypeAlias = Gdb | OpenOcd | PyOcd | Serial
 
 @dataclass(frozen=True, slots=True)
 class Ram:
-    """Memory of a board for a program."""
+    """The memory of a board in which a test program may be placed: address and size in bytes."""
 
     address: int
     size: int
@@ -58,7 +58,7 @@ DEFAULT_RAM = Ram(0x20000000, 64 * 1024)
 
 
 def link_of(text: str) -> Link | None:
-    """The link described by a text; None if it is invalid."""
+    """Parses the option `--board`, such as `gdb:localhost:3333`; None if it is invalid."""
     kind, _, rest = text.partition(":")
     match kind:
         case "gdb":
@@ -83,7 +83,7 @@ def link_of(text: str) -> Link | None:
 
 
 def ram_of(text: str) -> Ram | None:
-    """The memory described by a text; None if it is invalid."""
+    """Parses the option `--ram`, `address:size`; None if it is invalid."""
     address, _, size = text.partition(":")
     try:
         ram = Ram(int(address, 0), int(size, 0))
@@ -95,7 +95,7 @@ def ram_of(text: str) -> Ram | None:
 
 
 def words(link: Link) -> str:
-    """The link as written on the command line."""
+    """The text of a link as on the command line, such as `gdb:localhost:3333`."""
     match link:
         case Gdb(host, port):
             return f"gdb:{host}:{port}"

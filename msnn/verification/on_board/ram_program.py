@@ -21,7 +21,7 @@ _BINUTILS = ARM_GCC.command.removesuffix("gcc")
 
 @dataclass(frozen=True, slots=True)
 class RamProgram:
-    """Contents from the start of the memory, and the addresses of symbols."""
+    """A test program as bytes of the memory, and the addresses of its symbols."""
 
     data: bytes
     symbols: dict[str, int]
@@ -114,7 +114,7 @@ CPUID, FPU_FEATURES = 0xE000ED00, 0xE000EF40
 
 @dataclass(frozen=True, slots=True)
 class Core:
-    """A core and the options of gcc for it."""
+    """An ARM core and the options of gcc for it."""
 
     name: str
     flags: tuple[str, ...]

@@ -22,7 +22,10 @@ _SILENCE = 10.0
 
 
 def ask_serial(link: Serial) -> str:
-    """The answer up to its checksum. SpecError without a line (E1320) or an end (E1321)."""
+    """Requests a replay from firmware on a serial line; returns the text of its answer.
+
+    Raises SpecError if the line cannot be opened (E1320) or the answer does not end (E1321).
+    """
     if sys.platform == "win32":
         raise SpecError([unreachable(words(link), "serial lines need a POSIX system")])
     try:
@@ -89,7 +92,7 @@ END = re.compile(r"\nend [0-9a-f]{8}\s")
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The errors found by a board, and the duration of a step."""
+    """The differences that a board has found, and the clock cycles of a step."""
 
     findings: tuple[str, ...]
     cycles: tuple[int, float, int] | None
@@ -97,7 +100,9 @@ class Answer:
 
 
 def read_answer(model: ExportedC, text: str) -> Answer:
-    """Compares the lines of an answer with those of the interpreter."""
+    """Compares the text that a board has sent with the expected bits; returns differences and
+    cycles.
+    """
     frame = _FRAME.search(text.replace("\r\n", "\n"))
     if frame is None:
         return Answer(("the answer has no beginning or no end",), None)

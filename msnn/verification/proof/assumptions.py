@@ -26,7 +26,7 @@ def assumed_range(member: RangedField, model: ExportedC) -> Range:
 
 
 def drawn(struct: str, members: Iterable[RangedField], model: ExportedC) -> Iterator[str]:
-    """C code that draws any value of the range."""
+    """Lines of C that give each member of a struct any value of its range, for the proof."""
     for member in members:
         if member.unsigned:
             # its interval is of int: all bit patterns, as an index may have any
@@ -62,7 +62,7 @@ def outside_ranges(model: ExportedC, *, infinite: bool) -> list[str]:
 
 
 def shown(kind: str, struct: str, members: Iterable[RangedField]) -> Iterator[str]:
-    """C code that shows all elements of each real field as `<kind>_<field>`."""
+    """Lines of C by which Eva prints the range of each real member, as `<kind>_<field>`."""
     for member in members:
         if not member.unsigned:
             any_of = f"[Frama_C_interval(0, {(member.size or 1) - 1})]"
@@ -124,7 +124,9 @@ _PROTOTYPE = re.compile(r"^(?:float|double) (\w+)\(([^()]*)\);$", re.MULTILINE)
 
 
 def kernel_bounds(model: ExportedC) -> list[str]:
-    """A definition for each function declared in the export's math header."""
+    """C functions that replace the export's math functions in a proof: they return any value within
+    bounds.
+    """
     header = model.folder / "src" / f"{model.prefix}_math.h"
     if not header.is_file():
         return []

@@ -122,7 +122,7 @@ def _values(said: str) -> dict[str, PossibleValues]:
 
 
 def roots_first(alarms: Sequence[Alarm], folder: Path) -> list[Alarm]:
-    """The root alarms in their order, then the others.
+    """Sorts alarms: those with a cause of their own first, then those that may follow from others.
 
     After an alarm, its variable may have any value, so everything computed from it is suspect. An
     alarm in a statement without suspect operands is a root.

@@ -39,7 +39,7 @@ from msnn.verification.proof_step import FRAMA_C, ProofStep, Result
 
 
 def proof_checks(model: ExportedC) -> Iterator[ProofStep]:
-    """Checks of the step, and of the Jacobian if there is one."""
+    """The proofs of a C export: one of the step, and one of the Jacobian if there is one."""
     yield _check("step", model)
     if model.linearizes:
         yield _check("linearize", model)

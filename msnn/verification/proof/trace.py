@@ -29,12 +29,12 @@ class TracedBlock:
 
     @property
     def place(self) -> str:
-        """`plant.msnn.yaml:31`."""
+        """The place in the spec, such as `plant.msnn.yaml:31`."""
         return f"{self.spec}:{self.line}"
 
     @property
     def lines(self) -> str:
-        """`plant.c:65-106`."""
+        """The lines of C, such as `plant.c:65-106`."""
         return f"{self.file}:{self.first}" + (f"-{self.last}" if self.last > self.first else "")
 
 
@@ -52,7 +52,7 @@ def place_of(blocks: tuple[TracedBlock, ...], file: str, line: int) -> str | Non
 
 
 def by_spec_line(blocks: tuple[TracedBlock, ...]) -> list[tuple[str, str, str]]:
-    """Place in the spec, name, and all lines of C that compute it."""
+    """A table of the spec's places, names, and the lines of C that compute them."""
     found: dict[tuple[str, int], list[TracedBlock]] = {}
     for block in blocks:
         found.setdefault((block.spec, block.line), []).append(block)

@@ -150,7 +150,7 @@ class ChangeableGraph:
 
 
 class _Asked(dict[NodeId, Array]):
-    """Values of nodes, computed on demand."""
+    """Values by node, each computed when it is first read."""
 
     def __init__(
         self,
@@ -185,7 +185,7 @@ class _Asked(dict[NodeId, Array]):
 
 
 class _Copied(dict[NodeId, Array]):
-    """Rows of values, repeated on demand."""
+    """Values by node, whose rows are repeated when a node is first read."""
 
     def __init__(self, values: Mapping[NodeId, Array], copies: NDArray[np.int64]) -> None:
         super().__init__()

@@ -107,7 +107,7 @@ class Decisions:
         return _Pair(size, lambda values: (values.nodes[entry.node], right))
 
     def doubtful(self, values: TrialValues, count: int) -> Array:
-        """The entries of the Jacobian that can be infinite, (B, entries)."""
+        """The values of the Jacobian entries that can be infinite, (B, entries)."""
         if not self._doubtful:
             return np.zeros((count, 0))
         numbers = {

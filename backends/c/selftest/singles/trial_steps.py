@@ -28,7 +28,10 @@ own copy."""
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """B single steps."""
+    """B single steps: for each the index of its start, and a row of overwritten values.
+
+    A row has states, inputs and parameters; `TrialSteps` knows their positions.
+    """
 
     starts: NDArray[np.int64]
     """Index of the start of each step."""

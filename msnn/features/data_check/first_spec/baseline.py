@@ -168,7 +168,7 @@ def choose_baseline(
         for e in best.equations
     )
     late = [np.where(held_out, target.values, np.nan) for target in targets]
-    early = [np.nanmean(np.where(held_out, np.nan, target.values)) for target in targets]
+    early = [float(np.nanmean(np.where(held_out, np.nan, t.values))) for t in targets]
     depth = max(equation.depth for equation in equations)
     return Baseline(
         equations=_rounded(rows, equations),
@@ -181,7 +181,7 @@ def choose_baseline(
             for each, response in zip(pieces, found, strict=True)
         ),
         constant_errors=tuple(_rms(v - m) for v, m in zip(late, early, strict=True)),
-        held_errors=tuple(_rms(np.diff(v)) for v in late),
+        held_errors=tuple(_rms(v[1:] - v[:-1]) for v in late),
     )
 
 
@@ -308,7 +308,8 @@ def _is_followed(column: FoundColumn, target: FoundColumn) -> bool:
         return False
     away = value - goal
     likeness = float(np.corrcoef(goal, value)[0, 1])
-    return likeness > _FOLLOWED and abs(float(np.mean(away))) < span and np.std(away) < span
+    is_near = abs(float(np.mean(away))) < span and float(np.std(away)) < span
+    return likeness > _FOLLOWED and is_near
 
 
 _FOLLOWED = 0.6

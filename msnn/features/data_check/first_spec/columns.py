@@ -253,8 +253,6 @@ class FoundTable:
     """Indices of non-numeric columns."""
     dates: FoundColumn | None
     """The first date column, in seconds since the first row."""
-    step: float | None = None
-    """Seconds between rows if the file has times of each signal, of which the rows were made."""
 
     @property
     def rows(self) -> int:
@@ -271,7 +269,7 @@ class FoundTable:
         return None
 
 
-def columns_of(path: Path, predict: Sequence[str] = ()) -> FoundTable:
+def columns_of(path: Path) -> FoundTable:
     """All numeric columns; SpecError if there are none, or for a non-numeric cell in one."""
     format = format_of(path)
     if format.plugin is not None:

@@ -38,9 +38,9 @@ class Rows:
 
     def intervals(self, *, fitted: bool) -> list[slice]:
         """The maximal intervals of consecutive rows without missing values."""
-        known = np.isfinite(self.table).all(axis=1)
+        known = np.asarray(np.isfinite(self.table).all(axis=1), np.bool_)
         if fitted:
-            known &= ~self.held_out
+            known = known & ~self.held_out
         before = np.concatenate(([False], known[:-1]))
         starts = np.flatnonzero(known & ~(before & self.follows))
         after = np.concatenate((known[1:] & self.follows[1:], [False]))
@@ -199,7 +199,7 @@ def relative_error(rows: Rows, predicted: FloatArray) -> float:
     if not used.any():
         return np.inf
     with np.errstate(over="ignore", invalid="ignore"):
-        squares = np.sum(np.where(used, predicted - targets, 0.0) ** 2, axis=0)
-    around = np.sum(np.where(used, targets - mean, 0.0) ** 2, axis=0)
-    ratio = float(np.mean(squares / np.where(around > 0, around, 1.0)))
+        squares = (np.where(used, predicted - targets, 0.0) ** 2).sum(axis=0)
+    around = (np.where(used, targets - mean, 0.0) ** 2).sum(axis=0)
+    ratio = float((squares / np.where(around > 0, around, 1.0)).mean())
     return float(np.sqrt(ratio)) if np.isfinite(ratio) else np.inf

@@ -15,7 +15,9 @@ import numpy as np
 
 from backends.files.text_templates import text_templates
 from msnn.data.dataset import BoolArray
-from msnn.data.formats.table_of_formats import FileFormat, format_of
+from msnn.data.formats.table_of_formats import FileFormat, format_of, unread_suffix
+from msnn.data.reading.read_file import taken_as_text
+from msnn.errors.data.files import read_as_text
 from msnn.features.data_check.errors import few_rows, no_target
 from msnn.features.data_check.first_spec.baseline import (
     VALIDATION,
@@ -64,7 +66,17 @@ def spec_from_data(
     """
     named = [predict] if isinstance(predict, str) else list(dict.fromkeys(predict or ()))
     paths = files_of([files] if isinstance(files, Path) else files)
-    found = recordings_of(paths, named, VALIDATION)
+    try:
+        return _spec_from_data(name, paths, folder, named)
+    except SpecError as error:
+        file = paths[0]
+        raise SpecError(taken_as_text(file, file.name, error.diagnostics), error.sources) from error
+
+
+def _spec_from_data(
+    name: str, paths: Sequence[Path], folder: Path, named: Sequence[str]
+) -> NewSpec:
+    found = recordings_of(paths, VALIDATION)
     table, time = found.table, found.time
     used = [c for c in table.columns if c is not _again(time.column, table)]
     used = [c for c in used if c.index not in time.counters]
@@ -197,7 +209,11 @@ class _Facts:
         if table.dates is not None:
             dropped = [each for each in dropped if each != f"`{table.dates.label}`"]
         texts = (f"columns without numbers are left out: {', '.join(dropped)}",) if dropped else ()
+        suffix = unread_suffix(self.recordings.files[0])
+        # before all else: every column may be another one
+        as_text = () if suffix is None else (read_as_text(suffix).message,)
         return (
+            *as_text,
             *self.recordings.time.notes,
             *texts,
             *(note for column in columns for note in column.doubts),

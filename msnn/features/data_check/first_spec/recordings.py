@@ -55,13 +55,13 @@ def files_of(patterns: Sequence[Path]) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def recordings_of(files: Sequence[Path], predict: Sequence[str], held_out: float) -> Recordings:
+def recordings_of(files: Sequence[Path], held_out: float) -> Recordings:
     """The recordings in files; the last share `held_out` of each is for validation.
 
     Raises SpecError for a file without columns of numbers, and for files with other columns, units
     or sample times than the first.
     """
-    tables = [columns_of(file, predict) for file in files]
+    tables = [columns_of(file) for file in files]
     times = [time_of(table, file.name) for table, file in zip(tables, files, strict=True)]
     for file, table, time in zip(files[1:], tables[1:], times[1:], strict=True):
         if why := _difference(tables[0], times[0], table, time):
@@ -129,7 +129,7 @@ def _on_grid(
 ) -> tuple[list[FloatArray], BoolArray]:
     """The columns at even times by linear interpolation; NaN over holes."""
     if own.column is None:
-        # times of streams: their table is on the grid already
+        # rows without times are one sample apart
         return _as_written(table, own)
     clock = own.column.values * own.scale
     order = np.argsort(clock, kind="stable")

@@ -59,11 +59,6 @@ def time_of(table: FoundTable, file: str) -> FoundTime:
 
     Raises SpecError if a column with a typical name decreases.
     """
-    if table.step is not None:
-        note = (
-            f"signals have times of their own: `resample: linear` takes one in {table.step:.6g} s"
-        )
-        return FoundTime(column=None, unit="s", step=table.step, resample="linear", notes=(note,))
     counters = tuple(c.index for c in table.columns if _counts(c))
     # dates before numbers: a log with both counts something else in the other one
     if table.dates is not None and _tells_time(table.dates.values):

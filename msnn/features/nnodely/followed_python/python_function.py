@@ -49,9 +49,10 @@ _LOWERED = {"true": True, "false": False, "null": None}
 
 
 def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1) -> Tensor:
-    """Follows a call to its result; so many `rows` at once may take as many steps more.
+    """Interprets a function with tensors of terms as arguments; returns the result as a tensor.
 
-    Raises FunctionError; NeedsElementsError of whole values.
+    The limit of statements grows with `rows`, the number of rows at once. Raises FunctionError, and
+    NeedsElementsError if complete values do not suffice.
     """
     names = argument_names(function)
     if len(names) != len(arguments):
@@ -308,7 +309,9 @@ class _Run:
 def refuse_mixed_rows(
     function: ast.FunctionDef, shapes: Sequence[tuple[int, int]], own: Sequence[Elements]
 ) -> None:
-    """Ends the import for a function that mixes rows of its arguments."""
+    """Raises an error for a function whose result in one row depends on other rows of its
+    arguments.
+    """
     alone, among = (_followed(function, rows, shapes, own) for rows in (1, ROWS))
     # no batch at all: what follows the function refuses it with its shape
     if alone.ndim != 3 or alone.shape[0] != 1:
@@ -333,7 +336,7 @@ def _followed(
 
 
 def _symbols(rows: int, argument: int, shape: tuple[int, int]) -> Elements:
-    """An argument, each of its elements by a name of its own; the row in the middle is row 0."""
+    """An argument of the function whose elements are distinct names; the middle row is row 0."""
     out = np.empty((rows, *shape), dtype=object)
     for row, sample, i in np.ndindex(*out.shape):
         out[row, sample, i] = Term(Named(f"x{argument} {row - rows // 2} {sample} {i}"))
@@ -349,7 +352,7 @@ _LONGEST = 20_000
 
 
 class FunctionError(Exception):
-    """The line of the first unsupported part of a function, from 1, and the reason."""
+    """A part of a function that is not supported: its line, counted from 1, and the reason."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(reason)
@@ -391,7 +394,7 @@ def argument_names(function: ast.FunctionDef) -> list[str]:
 
 
 def with_arguments_last(function: ast.FunctionDef, last: Sequence[bool]) -> ast.FunctionDef:
-    """The function with some of its first arguments behind the others of these."""
+    """The function with some of its first arguments moved behind the others of these (`last`)."""
     args = [*function.args.posonlyargs, *function.args.args]
     if len(args) < len(last):
         wanted = f"it takes {len(args)} arguments and gets {len(last)}"

@@ -51,7 +51,7 @@ def is_number(value: Any) -> bool:
 
 
 def folded(op: ast.operator, left: Any, right: Any) -> float:
-    """Arithmetic of known numbers."""
+    """The result of an arithmetic operator on known numbers."""
     match op:
         case ast.Add():
             found = left + right
@@ -88,7 +88,7 @@ def lengthened(left: list[Any], right: list[Any]) -> list[Any]:
 
 
 def compared(op: ast.cmpop, left: Any, right: Any) -> bool:
-    """A comparison of known values."""
+    """The result of a comparison operator on known values."""
     match op:
         case ast.Eq():
             return bool(left == right)
@@ -117,7 +117,7 @@ def shares(value: Any, held: Any) -> bool:
 
 
 def called(name: str, arguments: Sequence[Any]) -> Any:
-    """A builtin function of Python."""
+    """The result of a builtin function of Python, such as `len` or `range`, on known values."""
     first = arguments[0] if arguments else None
     all_numbers = bool(arguments) and all(is_number(one) for one in arguments)
     if name == "range" and all_numbers and not any(isinstance(a, float) for a in arguments):
@@ -148,7 +148,7 @@ def called(name: str, arguments: Sequence[Any]) -> Any:
 
 
 def kind_of(node: ast.AST) -> str:
-    """The name of a syntax element in messages."""
+    """The name of a node of Python's syntax tree in messages."""
     return type(node).__name__.lower()
 
 

@@ -35,7 +35,7 @@ class NeedsElementsError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """A value written as one term, with its shape in torch."""
+    """A tensor that is one term of the spec, with the shape that it has in torch."""
 
     term: Term
     shape: tuple[int, ...]
@@ -71,7 +71,7 @@ _MATH = {
 
 
 def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
-    """A function of one element of each operand."""
+    """Applies `make` to elements of the operands, or to complete values if one is complete."""
     # an array of terms, as the elements of a stream or numbers
     if not any(isinstance(operand, Whole) for operand in operands):
         return arrays.elementwise(make, *operands)
@@ -99,7 +99,9 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
 
 
 def condition(value: Term) -> Term:
-    """The condition of a `where`; 1 and 0 represent a comparison elsewhere."""
+    """A term as the condition of `where`: its comparison, else true above 0.5, because truths are 1
+    or 0.
+    """
     match value.head:
         case Call("where") if len(value.args) == 3 and _is_flag(value):
             return value.args[0]
@@ -178,7 +180,9 @@ def _where(chosen: Term, then: Term, otherwise: Term) -> Term:
 def torch_function(
     owner: str, name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]
 ) -> Any:
-    """A call of a member of torch or math."""
+    """The result of a call of a function of torch or math; raises NotTranslatedError if it is
+    unknown.
+    """
     if owner == "math":
         numbers = [a for a in arguments if isinstance(a, bool | int | float)]
         if name not in _MATH or len(numbers) != len(arguments) or keywords:

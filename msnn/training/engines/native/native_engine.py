@@ -1,4 +1,4 @@
-"""Trains inside a generated kernel, or selects a fallback if a kernel is wrong."""
+"""Trains in generated C code; a stage falls back to torch if that code is wrong."""
 
 from __future__ import annotations
 
@@ -49,9 +49,10 @@ BATCHES_A_CALL = 200
 
 
 class NativeEngine:
-    """Trains the parameters `plan.trained` of one stage; the others keep their values.
+    """An engine whose C kernel computes losses, gradients and optimiser steps of whole epochs.
 
-    Raises CompilerMissingError if there is no C compiler.
+    It trains the parameters `plan.trained`; the others keep their values. Raises
+    CompilerMissingError if there is no C compiler.
     """
 
     finished: str | None = None
@@ -92,12 +93,15 @@ class NativeEngine:
         """
 
     def check(self, runs: Runs) -> None:
-        """Compares a newly built kernel with the reference interpreter. Raises WrongKernelError."""
+        """Compares a newly built kernel with the reference interpreter on some of these rollouts.
+
+        Raises WrongKernelError if they differ.
+        """
         kernel, weights = self._kernel, self.weights()
         check_if_fresh(kernel.built, lambda: check_kernel(kernel, self._series, runs, weights))
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values; untrained parameters keep exactly their given values."""
+        """Physical values of all parameters; untrained ones are returned exactly as given."""
         return {**self._variables.weights(), **self._fixed}
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
@@ -114,9 +118,7 @@ class NativeEngine:
         return self._losses(self._measured, self._kernel.groups(runs.t0, runs.steps))
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
-        """Replaces the series with the start values of runs, either of watched or of training
-        runs.
-        """
+        """Overwrites the series of initial states (see `Engine.write`)."""
         (self._evaluation if watched else self._train).write(series)
         if not watched:
             self._series |= series
@@ -158,23 +160,27 @@ class NativeEngine:
         return self._named(sums, counts)
 
     def order(self, count: int, key: int) -> IntArray:
-        """See `epoch_order.shuffled`."""
+        """The shuffled indices 0 … count−1 of an epoch's rollouts; `key` seeds the shuffle
+        (`epochs.shuffled`).
+        """
         return self._kernel.shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of these rollouts at the current weights, on the scored rows."""
+        """The losses of these rollouts at the current weights, on the rows of the monitor's set."""
         if self._evaluated is None or self._evaluated[0] is not runs:
             self._evaluated = runs, self._kernel.groups(runs.t0, runs.steps)
         return self._losses(self._evaluation, self._evaluated[1])
 
     def state(self) -> EngineState:
-        """The current raw variables and optimiser state."""
+        """A copy of the raw variables and of the optimiser's memory and step counts."""
         kept = {name: array.copy() for name, array in self._variables.remembered.items()}
         counts = {name: getattr(struct, name) for struct, name in self._variables.counts}
         return EngineState(kept, {"engine": "native", **counts})
 
     def restore(self, state: EngineState) -> None:
-        """Restores a state of the same stage; KeyError or ValueError for any other."""
+        """Sets variables and optimiser to a state of the same stage; KeyError or ValueError for any
+        other.
+        """
         if not isinstance(state.structure, dict) or state.structure.get("engine") != "native":
             message = "the checkpoint is of another engine"
             raise ValueError(message)
@@ -198,7 +204,7 @@ class NativeEngine:
 
 
 def _rule(plan: StagePlan) -> tuple[Rule, float]:
-    """The optimiser of the stage and its learning rate."""
+    """The optimiser of the stage as the settings of a kernel, and its learning rate."""
     decay, clip, lr = plan.weight_decay, plan.clip or 0.0, plan.lr
     assert lr is not None, "what steps inside of a kernel has a rate"
     match plan.optimizer:
@@ -229,7 +235,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, slots=True)
 class Attempt(Generic[Made]):
-    """The kernels of a stage; None if torch is needed, with the reasons."""
+    """The result of building kernels: what `make` returned, or None if the stage needs torch."""
 
     made: Made | None
     plan: StagePlan
@@ -240,10 +246,12 @@ class Attempt(Generic[Made]):
 def try_natively(
     plan: StagePlan, make: Callable[[StagePlan], Made], *, in_double: bool
 ) -> Attempt[Made]:
-    """Builds and checks kernels; if they are wrong in float32, tries float64 if `in_double`.
+    """Builds kernels with `make`, which checks them; falls back to float64, then to torch, if they
+    are wrong.
 
-    A wrong kernel never ends a training: it is reported, and the stage uses the fallback. Raises
-    CompilerMissingError, and SpecError if `engine: native` is not possible.
+    A wrong kernel never ends a training: `Attempt.notes` report it. float64 is tried if `in_double`
+    and the stage computes in float32. Raises CompilerMissingError, and SpecError if the spec
+    requires `engine: native`.
     """
     try:
         return Attempt(make(plan), plan, ())
@@ -274,7 +282,7 @@ def try_natively(
 
 
 def on_torch(plan: StagePlan) -> StagePlan:
-    """The same stage without kernels."""
+    """The plan of the same stage with `engine: torch`."""
     return replace(plan, engine="torch")
 
 

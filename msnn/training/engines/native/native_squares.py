@@ -24,7 +24,10 @@ Weights = Mapping[str, FloatArray]
 
 
 class NativeSquares:
-    """Uses one kernel for Jacobians and one for costs. Raises CompilerMissingError."""
+    """Least squares of a stage by two C kernels: one for Jacobians, one for losses alone.
+
+    Raises CompilerMissingError if there is no C compiler.
+    """
 
     def __init__(
         self,
@@ -49,9 +52,7 @@ class NativeSquares:
         self._slopes.check(runs, weights)
 
     def write(self, series: Weights, *, watched: bool) -> None:
-        """Replaces the series with the start values of runs, either of watched or of training
-        runs.
-        """
+        """Overwrites the series of initial states (see `Engine.write`)."""
         self._slopes.write(series, watched=watched)
         (self._evaluation if watched else self._train).write(series)
 
@@ -60,15 +61,17 @@ class NativeSquares:
         return self._slopes.products(runs, weights)
 
     def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
-        """The same products, with separate blocks for the last `own` variables of every run."""
+        """The same products, separately for each rollout in the last `own` variables, its initial
+        states.
+        """
         return self._slopes.products_of_runs(runs, weights, own)
 
     def train_costs(self, runs: Runs, weights: Weights) -> LossSums:
-        """The losses of training rollouts."""
+        """The losses of training rollouts, without derivatives."""
         return self._costs_on(self._train, runs, weights)
 
     def watched_costs(self, runs: Runs, weights: Weights) -> LossSums:
-        """The losses of rollouts on the watched rows."""
+        """The losses of rollouts on the rows of the monitor's set, without derivatives."""
         return self._costs_on(self._evaluation, runs, weights)
 
     def _costs_on(self, data: KernelData, runs: Runs, weights: Weights) -> LossSums:
@@ -83,7 +86,11 @@ class NativeSquares:
 
 
 class NativeSlopes:
-    """Computes Jacobians with one kernel. Raises CompilerMissingError and StackTooSmallError."""
+    """Residuals and Jacobians of a stage by a C kernel, shared among the processes of a training.
+
+    Raises CompilerMissingError, and StackTooSmallError if the kernel needs more stack than there
+    is.
+    """
 
     def __init__(
         self, plan: StagePlan, series: Weights, train_rows: Mapping[str, BoolArray] | None
@@ -103,7 +110,9 @@ class NativeSlopes:
         )
 
     def write(self, series: Weights, *, watched: bool) -> None:
-        """Replaces the series with the start values of training runs."""
+        """Overwrites the series of initial states of training rollouts; does nothing if
+        `watched`.
+        """
         if not watched:
             self._train.write(series)
 
@@ -121,7 +130,9 @@ class NativeSlopes:
         return summed_products(found, self._ranks)
 
     def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
-        """The same products, with separate blocks for the last `own` variables of every run."""
+        """The same products, separately for each rollout in the last `own` variables, its initial
+        states.
+        """
         if self._ranks is not None:  # one run after the other is shared out and summed
             each = [self.products(runs.take(np.array([i])), weights) for i in range(len(runs))]
             return {name: joined_runs([run[name] for run in each], own) for name in each[0]}
@@ -130,7 +141,9 @@ class NativeSlopes:
 
 
 def own_runs(runs: Runs, ranks: Ranks) -> Runs:
-    """The consecutive rollouts of this rank, with about the same number of steps on each rank."""
+    """The consecutive rollouts that this process computes; each process gets about the same number
+    of steps.
+    """
     before = np.cumsum(runs.steps) - runs.steps
     total = int(runs.steps.sum())
     first, end = (
@@ -141,7 +154,7 @@ def own_runs(runs: Runs, ranks: Ranks) -> Runs:
 
 
 def no_products(numbers: int) -> Products:
-    """The products of an empty set of rollouts."""
+    """Products that are all 0: those of no rollouts, for `numbers` variables."""
     return Products(
         curvature=np.zeros((numbers, numbers)),
         slope=np.zeros(numbers),

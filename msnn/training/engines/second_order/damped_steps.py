@@ -44,7 +44,7 @@ _INWARD = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepBox:
-    """Limits of a step in scaled variables, and the curvature added by the bounds."""
+    """The bounds of one step, in the scaled variables in which it is computed."""
 
     low: FloatArray
     high: FloatArray
@@ -61,7 +61,10 @@ class StepBox:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VariableBounds:
-    """The bounds of all variables (infinite if absent), and counts of steps that they limited."""
+    """Lower and upper bounds of all variables, ±∞ if absent.
+
+    It also counts how many steps in a row each bound has limited.
+    """
 
     low: FloatArray
     high: FloatArray
@@ -86,7 +89,8 @@ class VariableBounds:
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
     def box(self, at: FloatArray, scale: FloatArray, slope: FloatArray) -> StepBox | None:
-        """The box of a step from `at`, in variables divided by `scale`; None without bounds.
+        """The bounds of one step from the variables `at`, in variables divided by `scale`; None
+        without bounds.
 
         `slope` is half the gradient of the total loss in the scaled variables.
         """
@@ -103,7 +107,9 @@ class VariableBounds:
         )
 
     def moved(self, at: FloatArray, step: FloatArray) -> FloatArray:
-        """The variables after a step; exactly on a bound if the step leads to it."""
+        """The variables after a step, set exactly to a bound if they are within rounding error of
+        it.
+        """
         trial = at + step
         # at + (bound − at) need not be the bound: the rounding is that of the larger of the two
         rounding = _ROUNDED * (np.abs(at) + np.abs(trial))
@@ -111,7 +117,9 @@ class VariableBounds:
         return np.where(near_low, self.low, np.where(near_high, self.high, trial))
 
     def met(self, at: FloatArray, trial: FloatArray) -> VariableBounds:
-        """The bounds with the counts updated after a step from `at` to `trial`."""
+        """The same bounds, with updated counts of the steps that they limited, after one from `at`
+        to `trial`.
+        """
         share = _SHARE_OF_WAY * (1.0 - 1e-9)
         with np.errstate(invalid="ignore"):
             limited = np.stack(
@@ -124,7 +132,12 @@ class VariableBounds:
 
 
 def in_physical_units(parameters: Sequence[Parameter]) -> list[Parameter]:
-    """The parameters; for bounded ones, the variable is the physical value."""
+    """The parameters as the optimiser sees them: a bounded one has its physical value as the
+    variable.
+
+    Bounded parameters get scale 1 and lose their bounds, which `VariableBounds` has. The others are
+    unchanged.
+    """
     return [
         replace(p, minimum=None, maximum=None, scale=1.0) if _is_bounded(p) else p
         for p in parameters
@@ -184,7 +197,11 @@ _SETTLED = 1e-13
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DampedModel:
-    """The quadratic model in variables scaled by 1/√D."""
+    """The quadratic model of the total near `raw`, from which steps for any damping are computed.
+
+    Its variables are scaled by 1/√D (see the module); A is stored by its eigenvalues and
+    eigenvectors.
+    """
 
     total: float
     raw: FloatArray
@@ -225,7 +242,7 @@ class DampedModel:
         return scaled * self.scale, fall
 
     def promise(self) -> float:
-        """The predicted decrease of an almost undamped step."""
+        """The decrease of the total that the model predicts for a step with almost no damping."""
         return self.undamped.step(UNDAMPED)[1]
 
     @property
@@ -237,7 +254,7 @@ class DampedModel:
         return self if self.box is None else replace(self, box=self.box.whole)
 
     def lost_corners(self, step: FloatArray) -> float:
-        """The decrease of the penalties by a step in raw variables."""
+        """The decrease of the non-smooth penalties (`l1`, `group`) by a step in raw variables."""
         if not self.known.has_corners:
             return 0.0
         return corners(self.known, self.raw) - corners(self.known, self.raw + step)
@@ -249,7 +266,10 @@ class DampedModel:
         return np.where(scaled == -self.raw / self.scale, 0.0, reached)
 
     def _to_corners(self, scaled: FloatArray, damping: float) -> FloatArray:
-        """The minimum of the damped model with penalties, starting from the one without."""
+        """The minimum of the damped model with non-smooth penalties, by proximal gradient steps.
+
+        `scaled` is the minimum without penalties, where the iteration starts.
+        """
         steepest = float(self.curvatures.max(initial=0.0)) + damping
         # 1/L of a gradient 2(Aδ + g), in raw variables, in which the penalties are written
         lengths = self.scale * self.scale / (2.0 * steepest)
@@ -291,7 +311,9 @@ class QuadraticTerms:
 def quadratic_terms(
     known: KnownTerms, variables: FloatArray, decay: Decay, spread: float
 ) -> QuadraticTerms:
-    """The terms at these variables; priors are weighted by `spread`, ŝ²/n."""
+    """Priors and weight decay near these variables, as a quadratic; priors are weighted by
+    `spread`, ŝ²/n.
+    """
     half = 0.5 * decay.factor
     raw, by_variable = decay.raw(variables)
     away, steep = deviations(known, variables)
@@ -304,16 +326,17 @@ def quadratic_terms(
 
 @dataclass(frozen=True, slots=True)
 class Decay:
-    """Weight decay λ in the raw variables of other optimisers, for bounded values too."""
+    """Weight decay: the term λ/2 Σ raw² of the total.
+
+    Here the variable of a bounded parameter is its physical value, so that `raw` converts it first.
+    """
 
     factor: float
     parameters: Sequence[Parameter]
     """The parameters with their bounds."""
 
     def raw(self, variables: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Raw variables and their derivatives with respect to the physical values of bounded
-        parameters.
-        """
+        """The raw value of each variable, and its derivative with respect to the variable."""
         raw, by_variable = variables.copy(), np.ones_like(variables)
         begin = 0
         for parameter in self.parameters if self.factor else ():

@@ -1,12 +1,12 @@
 """Steps by Levenberg-Marquardt: damped Gauss-Newton on all rollouts of a stage at once.
 
-A step δ of the variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F and
-2A its curvature without second derivatives of residuals. Variables are values divided by their
-scale, of bounded parameters the physical values, which steps keep within the bounds
-(`damped_steps`). D is the largest diagonal of A so far (Moré 1978), so that units do not matter;
-μ follows the gain of the last step (Nielsen 1999). A step is taken if it lowers the total and all
-derivatives are finite after it; without bounds, if all variables still count too (decision 0460).
-Residuals whose slopes are infinite have no share in A and g, but one in F.
+A step δ of the variables solves (A + μD)δ = −g. F is the weighted total, 2g its gradient and 2A its
+Hessian without second derivatives of residuals. Variables are parameters divided by their scale;
+for bounded parameters, physical values, which steps keep within the bounds (`damped_steps`). D is
+the largest diagonal of A so far (Moré 1978), so that units do not matter. μ follows the gain of the
+last step (Nielsen 1999). A step is taken if it lowers the total and all derivatives are finite
+after it. Without bounds, the residuals must also still depend on every variable (decision 0460).
+Residuals with infinite derivatives are omitted from A and g, but not from F.
 """
 
 from __future__ import annotations
@@ -69,7 +69,11 @@ _LEAST_SHARE = 1e-12
 
 
 class LevenbergMarquardtEngine:
-    """Trains the parameters `plan.trained` of one stage; the others keep their values."""
+    """A second-order engine: each epoch is one Levenberg-Marquardt step on all rollouts.
+
+    It trains the parameters `plan.trained`; the others keep their values. Initial states of
+    rollouts can be variables too.
+    """
 
     batches_a_call = 1
     left_out = 0
@@ -109,8 +113,9 @@ class LevenbergMarquardtEngine:
         self._squares = squares(as_squares, series, train_rows, evaluation_rows)
 
     def check(self, runs: Runs) -> None:
-        """Compares the kernels of this stage with the reference interpreter. Raises
-        WrongKernelError.
+        """Compares the kernels with the reference interpreter.
+
+        Raises WrongKernelError if they differ.
         """
         self._squares.check(runs, self._all(self.weights()))
 
@@ -137,9 +142,7 @@ class LevenbergMarquardtEngine:
         return self._costs_at(in_order, self._raw)
 
     def write(self, series: Weights, *, watched: bool) -> None:
-        """Replaces the series with the start values of runs; estimated initial states begin
-        there.
-        """
+        """Overwrites the series of initial states; estimated ones then begin with these values."""
         if watched:
             self._watches_training = False
         else:
@@ -184,7 +187,7 @@ class LevenbergMarquardtEngine:
         return np.arange(count, dtype=np.int64)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of these rollouts at the current weights, on the scored rows."""
+        """The losses of these rollouts at the current weights, on the rows of the monitor's set."""
         if self._joint is not None and self._watches_training:
             trained = (self._raw, self._largest, self._started, self._ahead)
             found = self.measure(runs)
@@ -195,7 +198,7 @@ class LevenbergMarquardtEngine:
         return self._squares.watched_costs(runs, self._all(self.weights()))
 
     def state(self) -> EngineState:
-        """The current raw variables, scales and damping."""
+        """A copy of the raw variables, their scales and the damping, for a checkpoint."""
         structure = {
             "engine": NAME,
             "damping": self._damping,
@@ -240,7 +243,7 @@ class LevenbergMarquardtEngine:
         self._started, self._ahead = runs, None
 
     def _all(self, weights: Weights) -> Weights:
-        """The weights of the program whose Jacobians are computed."""
+        """The weights with the additional parameters for initial states, if these are variables."""
         return weights if self._joint is None else self._joint.moved(weights)
 
     def _products_at(self, runs: Runs, raw: FloatArray) -> Mapping[str, Products]:
@@ -260,7 +263,9 @@ class LevenbergMarquardtEngine:
             self._squares.write(series, watched=False)
 
     def _products(self, runs: Runs) -> Mapping[str, Products]:
-        """The products at the current variables."""
+        """JᵀJ and Jᵀr of every loss at the current variables; reused if the last step computed
+        them.
+        """
         if self._ahead is not None and self._ahead[0].begin_as(runs):
             return self._ahead[1]
         return self._products_at(runs, self._raw)
@@ -282,7 +287,9 @@ class LevenbergMarquardtEngine:
         return losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
 
     def _model(self, found: NormalEquations) -> QuadraticModel:
-        """The quadratic model, in variables scaled for damping."""
+        """The quadratic model for the next step, in variables scaled by D, the largest curvature so
+        far.
+        """
         # D never shrinks, so that a variable which loses its influence does not run away (Moré
         # 1978); bounds keep it from that, and within them the present size reaches more minima
         self._largest = np.maximum(self._largest, found.diagonal)

@@ -28,7 +28,9 @@ NO_INFLUENCE = 1e-300
 
 
 class QuadraticModel(Protocol):
-    """The quadratic model of the total loss F near the current variables."""
+    """The quadratic model of the total loss F near the current variables; it gives a step for a
+    damping.
+    """
 
     @property
     def total(self) -> float:
@@ -40,7 +42,9 @@ class QuadraticModel(Protocol):
         ...
 
     def promise(self) -> float:
-        """The predicted decrease of an almost undamped step within the bounds."""
+        """The decrease of F that the model predicts for a step with almost no damping, within the
+        bounds.
+        """
         ...
 
 
@@ -71,7 +75,9 @@ class NormalEquations:
         return np.concatenate([of_parameters, own.ravel()])
 
     def plus(self, known: QuadraticTerms, penalties: float) -> NormalEquations:
-        """Adds decay and priors of the parameters, and the value of penalties to the total."""
+        """The sum of this and of the terms of the parameters: weight decay, priors and
+        penalties.
+        """
         return replace(
             self,
             total=self.total + known.value + penalties,
@@ -112,7 +118,10 @@ class NormalEquations:
     def model(
         self, scale: FloatArray, raw: FloatArray, known: KnownTerms, bounds: VariableBounds
     ) -> QuadraticModel:
-        """The model in variables times 1/scale, at these raw variables."""
+        """The quadratic model at the variables `raw`, from which steps are computed.
+
+        Its variables are those divided by `scale`; penalties and priors are in `known`.
+        """
         n = len(self.curvature)
         # scale first: with units such as N/m and mm, small eigenvalues would be lost in rounding
         top = scale[:n]
@@ -136,7 +145,11 @@ class NormalEquations:
 def in_raw_variables(
     products: Mapping[str, Products], shares: Mapping[str, float], physical_by_raw: FloatArray
 ) -> NormalEquations:
-    """The sum of the products of losses, each weighted by its share of the total."""
+    """The normal equations of the total: the products of each loss times its share of the total.
+
+    `products` are derivatives in physical values; `physical_by_raw`, (elements,), converts them to
+    raw variables.
+    """
     n = len(physical_by_raw)
     total, slope, curvature = 0.0, np.zeros(n), np.zeros((n, n))
     blocks: list[StartBlocks] = []
@@ -182,14 +195,20 @@ class ArrowModel:
         return self.parameters.total
 
     def promise(self) -> float:
-        """The predicted decrease of an almost undamped step within the bounds."""
+        """The decrease of F that the model predicts for a step with almost no damping, within the
+        bounds.
+        """
         return replace(self, parameters=self.parameters.undamped).step(UNDAMPED)[1]
 
     @classmethod
     def of(
         cls, parameters: DampedModel, curvature: FloatArray, blocks: StartBlocks, scale: FloatArray
     ) -> ArrowModel:
-        """The model from unscaled products; `scale` belongs to the initial states."""
+        """Builds the model; `parameters` is already scaled, the others are not.
+
+        `curvature` is that of the parameters, `blocks` those of the initial states of each run,
+        `scale` is 1/√D of the initial states.
+        """
         top, own = parameters.scale, scale.reshape(blocks.slope.shape)
         values, directions = np.linalg.eigh(blocks.curvature * own[:, :, None] * own[:, None, :])
         return cls(
@@ -244,7 +263,7 @@ def _scaled(curvature: FloatArray, scale: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class CountedProducts:
-    """The products of losses with a weight and with scored rows, without penalties."""
+    """JᵀJ and Jᵀr of each loss that counts: it has a weight and scored rows, and is no penalty."""
 
     by_loss: Mapping[str, Products]
 
@@ -261,7 +280,7 @@ class CountedProducts:
 
     @property
     def leave_out_some(self) -> bool:
-        """True if a residual is excluded from the model because its derivatives are infinite."""
+        """True if some residuals were omitted because their derivatives are infinite."""
         return any(one.left_out for one in self.by_loss.values())
 
     @property
@@ -270,11 +289,15 @@ class CountedProducts:
 
     @property
     def make_a_model(self) -> bool:
-        """True if the products determine a next step."""
+        """True if the products are finite and not all residuals were omitted, so that a step can be
+        computed.
+        """
         return self.are_finite and not self.leave_out_all
 
     def without_slopes(self, numbers: LearnedNumbers) -> tuple[str, ...]:
-        """The parameters with a non-finite derivative of a finite loss."""
+        """Names of the parameters with a non-finite derivative; empty if a loss itself is not
+        finite.
+        """
         if not all(np.isfinite(one.cost) for one in self.by_loss.values()):
             return ()
         bad = [
@@ -286,7 +309,7 @@ class CountedProducts:
 
 
 def counted_products(plan: StagePlan, products: Mapping[str, Products]) -> CountedProducts:
-    """The products of the weighted losses with scored rows."""
+    """Selects the products of losses that have a weight and scored rows, and are no penalty."""
     return CountedProducts(
         {
             loss.name: products[loss.name]

@@ -28,35 +28,39 @@ RowsByLoss = Mapping[str, BoolArray]
 
 
 class SlopedSquares(Protocol):
-    """The losses of a stage as sums of squares with Jacobians, at any weights, in float64."""
+    """Residuals of a stage and their Jacobians, in float64, for second-order optimisers.
+
+    `NativeSlopes` and `TorchSquares` have these methods. `weights` are physical values by name.
+    """
 
     def check(self, runs: Runs, weights: Mapping[str, FloatArray]) -> None:
-        """Compares the kernels of this stage with the reference interpreter. Raises
-        WrongKernelError.
+        """Compares kernels, if any, with the reference interpreter.
+
+        Raises WrongKernelError if they differ.
         """
         ...
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
-        """Replaces the series with the start values of runs, either of watched or of training
-        runs.
-        """
+        """Overwrites the series of initial states (see `Engine.write`)."""
         ...
 
     def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
-        """JᵀJ and Jᵀr of every loss, with respect to the elements of `plan.trained`."""
+        """JᵀJ and Jᵀr of every loss: r are the residuals, J their derivatives in the elements of
+        `plan.trained`.
+        """
         ...
 
     def products_of_runs(
         self, runs: Runs, weights: Mapping[str, FloatArray], own: int
     ) -> dict[str, ProductsOfRuns]:
-        """The same, with separate blocks for the last `own` variables of every run, in order of
-        runs.
+        """The same, separately for each rollout in the last `own` variables, which are its initial
+        states.
         """
         ...
 
 
 class Squares(SlopedSquares, Protocol):
-    """The same, and losses without derivatives for trial steps."""
+    """Residuals with Jacobians, and losses without derivatives, to evaluate trial steps."""
 
     def __init__(
         self,
@@ -67,16 +71,16 @@ class Squares(SlopedSquares, Protocol):
     ) -> None: ...
 
     def train_costs(self, runs: Runs, weights: Mapping[str, FloatArray]) -> LossSums:
-        """The losses of training rollouts."""
+        """The losses of training rollouts at these weights."""
         ...
 
     def watched_costs(self, runs: Runs, weights: Mapping[str, FloatArray]) -> LossSums:
-        """The losses of rollouts on the watched rows."""
+        """The losses of rollouts at these weights, on the rows of the monitor's set."""
         ...
 
 
 def loss_sums_of(products: Mapping[str, Products]) -> LossSums:
-    """The losses contained in the products."""
+    """The value of each loss, as its sum and count, from products that also have derivatives."""
     return {name: LossSum(one.cost, one.count) for name, one in products.items()}
 
 
@@ -111,7 +115,7 @@ class JointStarts:
         return sum(self._sizes)
 
     def moved(self, weights: Weights) -> dict[str, FloatArray]:
-        """The weights with the parameters that are added to initial states."""
+        """The weights, and a parameter 0 for each initial state, to which the program adds it."""
         zeros = {offset_parameter(s): np.zeros(Type(s.axes).shape) for s in self._states}
         return {**weights, **zeros}
 
@@ -121,7 +125,11 @@ class JointStarts:
         return np.concatenate(parts, axis=1).ravel()
 
     def series(self, flat: FloatArray, t0: IntArray) -> dict[str, FloatArray]:
-        """The series from which runs read these initial states."""
+        """The series (rows, *shape) from which rollouts read their initial states, at their start
+        rows `t0`.
+
+        `flat` has the initial states as one vector, run after run.
+        """
         found: dict[str, FloatArray] = {}
         for name, values in self.values(flat, len(t0)).items():
             # runs read their start at row t0 of a series; the other rows are never read
@@ -131,7 +139,9 @@ class JointStarts:
         return found
 
     def values(self, flat: FloatArray, runs: int) -> dict[str, FloatArray]:
-        """The initial states as (runs, *shape) per state."""
+        """Splits the vector `flat` of all initial states into an array (runs, *shape) for each
+        state.
+        """
         parts = np.split(flat.reshape(runs, -1), np.cumsum(self._sizes)[:-1], axis=1)
         return {
             state.name: part.reshape(runs, *Type(state.axes).shape)
@@ -139,13 +149,15 @@ class JointStarts:
         }
 
     def products(self, squares: SlopedSquares, runs: Runs, weights: Weights) -> dict[str, Products]:
-        """The products of every loss, with separate blocks for the initial state of each run."""
+        """The products of every loss over all rollouts, with one block per rollout for its initial
+        state.
+        """
         return {name: one.all for name, one in self.of_each(squares, runs, weights).items()}
 
     def of_each(
         self, squares: SlopedSquares, runs: Runs, weights: Weights
     ) -> dict[str, ProductsOfRuns]:
-        """The products of every loss with the sums of each run."""
+        """The products of every loss, separately for each rollout in its initial state."""
         # summed over runs, it would be the derivative with respect to a common shift of all starts
         return squares.products_of_runs(runs, self.moved(weights), self.numbers)
 
@@ -194,7 +206,10 @@ def inverted_blocks(blocks: FloatArray) -> FloatArray:
 
 
 class LearnedNumbers:
-    """The elements of parameters, one parameter after the other; further elements are ignored."""
+    """Converts between the parameters that a stage trains and one vector of raw variables.
+
+    The vector has the elements of one parameter after the other; elements behind them are ignored.
+    """
 
     def __init__(self, parameters: Sequence[Parameter], given: Mapping[str, FloatArray]) -> None:
         self._parameters, self._given = parameters, dict(given)
@@ -202,7 +217,11 @@ class LearnedNumbers:
         self._ends = np.cumsum(sizes, dtype=np.int64)
 
     def begin(self) -> tuple[FloatArray, tuple[str, ...]]:
-        """The raw variables of the given values, and the parameters that were moved off a bound."""
+        """The raw variables of the given weights, and names of parameters that were moved off a
+        bound.
+
+        At a bound the raw variable would be infinite.
+        """
         raws = [raw_value(p, self._given[p.name]) for p in self._parameters]
         moved = tuple(p.name for p, (_, off) in zip(self._parameters, raws, strict=True) if off)
         return np.concatenate([raw.ravel() for raw, _ in raws]), moved

@@ -31,14 +31,16 @@ RowsByLoss = Mapping[str, BoolArray]
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """The weighted total of a batch, differentiable in the raw variables, and its losses."""
+    """The result for one batch: the weighted total, a tensor with gradients in the raw variables,
+    and each loss.
+    """
 
     total: Tensor
     losses: LossSums
 
 
 class TorchObjective:
-    """Unrolls the program's module."""
+    """An objective that simulates the rollouts in torch and differentiates them by autograd."""
 
     def __init__(
         self,
@@ -61,7 +63,11 @@ class TorchObjective:
         """Does nothing: torch needs no check against the reference interpreter."""
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
-        """Replaces series that training or watched rollouts read (see `own_series`)."""
+        """Overwrites the series that the stage changes: dropout factors and initial states
+        (`own_series`).
+
+        They are read by the rollouts of the monitor if `watched`, else by those of training.
+        """
         _write(self._evaluation if watched else self._train, series)
         if not watched:
             measured = without_masks(self._plan, series)
@@ -70,7 +76,7 @@ class TorchObjective:
                 _write(self._measured, measured)
 
     def scored(self, runs: Runs) -> Scored:
-        """The losses of training rollouts."""
+        """The total and the losses of a batch of training rollouts, with gradients."""
         sums = batch_losses(self._model, self._train, runs)
         terms = [
             # a penalty is not smooth, so no gradient step is taken: it counts in the total, and the
@@ -84,11 +90,11 @@ class TorchObjective:
         return Scored(torch.stack(terms).sum(), numbers)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of rollouts on the watched rows, without gradient."""
+        """The losses of rollouts on the rows of the monitor's set, without gradient."""
         return evaluated(self._model, self._evaluation, runs)
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of training rollouts without dropout and gradient."""
+        """The losses of training rollouts without dropout, as sums and counts, without gradient."""
         if self._measured is None:
             skip, rows = self._plan.rollout.skip, self._train_rows
             self._measured = scoring(self._model, self._series, skip, rows)
@@ -101,7 +107,10 @@ def _write(into: TorchScoring, series: Mapping[str, FloatArray]) -> None:
 
 
 class KernelObjective:
-    """Computes losses and gradient with a training kernel. Raises CompilerMissingError."""
+    """An objective whose losses and gradient come from a training kernel, for optimisers of torch.
+
+    Raises CompilerMissingError if there is no C compiler.
+    """
 
     def __init__(
         self,
@@ -128,7 +137,9 @@ class KernelObjective:
         check_if_fresh(kernel.built, lambda: check_kernel(kernel, self._series, runs, weights))
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
-        """Replaces series that training or watched rollouts read (see `own_series`)."""
+        """Overwrites the series that the stage changes: dropout factors and initial states
+        (`own_series`).
+        """
         (self._evaluation if watched else self._train).write(series)
         if not watched:
             measured = without_masks(self._plan, series)
@@ -137,7 +148,7 @@ class KernelObjective:
                 self._measured.write(measured)
 
     def scored(self, runs: Runs) -> Scored:
-        """The losses of training rollouts."""
+        """The total and the losses of a batch of training rollouts, with gradients."""
         losses: LossSums = {}
         physical = self._physical()
         total = _KernelTotal.apply(physical, self, self._train, runs, losses)
@@ -145,11 +156,11 @@ class KernelObjective:
         return Scored(total, losses)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of rollouts on the watched rows, without gradient."""
+        """The losses of rollouts on the rows of the monitor's set, without gradient."""
         return self._evaluated(self._evaluation, runs)
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of training rollouts without dropout and gradient."""
+        """The losses of training rollouts without dropout, as sums and counts, without gradient."""
         if self._measured is None:
             skip, rows = self._plan.rollout.skip, self._train_rows
             self._measured = self._kernel.data(self._series, skip, rows)
@@ -164,7 +175,11 @@ class KernelObjective:
     def value_and_slope(
         self, physical: Tensor, data: KernelData, runs: Runs, losses: LossSums, *, slope: bool
     ) -> tuple[float, FloatArray]:
-        """The weighted total and its gradient in physical parameters; fills in `losses`."""
+        """The weighted total of a batch and, if `slope`, its gradient with respect to physical
+        parameters.
+
+        `physical` has all elements in one vector. `losses` is filled with the value of each loss.
+        """
         kernel = self._kernel
         found = kernel.losses(
             data,
@@ -241,7 +256,11 @@ def prior_total(plan: StagePlan, raws: Mapping[str, Tensor], spread: float) -> T
 
 
 class KnownSteps:
-    """Proximal steps for optimisers with a known step size; differentiable terms for the others."""
+    """Adds priors, penalties and weight decay to the steps of an optimiser of torch.
+
+    If the step size of the optimiser is known, each step is followed by a proximal step. Otherwise
+    these terms are added to the loss, as far as they have derivatives.
+    """
 
     def __init__(self, plan: StagePlan, parameters: Sequence[Parameter]) -> None:
         self._terms = known_of(plan, parameters)
@@ -261,7 +280,11 @@ class KnownSteps:
     def follow(
         self, raws: Mapping[str, Tensor], optimizer: torch.optim.Optimizer, spread: float
     ) -> None:
-        """The proximal step after an optimiser step, in float64 like in kernels."""
+        """Takes the proximal step for priors and penalties after a step of the optimiser; changes
+        `raws`.
+
+        It is computed in float64, as kernels do; does nothing for optimisers of unknown step size.
+        """
         if not self._takes_steps:
             return
         tensors = [raws[parameter.name] for parameter in self._terms.parameters]

@@ -45,11 +45,15 @@ _WALL = 1e6
 
 
 class _NoStep(Exception):  # noqa: N818  (an event, no error)
-    """The gradient of a batch is infinite."""
+    """The gradient of a batch is infinite, so the batch is skipped."""
 
 
 class TorchEngine:
-    """Trains the parameters `plan.trained` of one stage; the others keep their values."""
+    """An engine whose optimiser is written in torch; losses and gradients come from torch or a
+    kernel.
+
+    It trains the parameters `plan.trained`; the others keep their values.
+    """
 
     batches_a_call = 1
     finished: str | None = None
@@ -92,9 +96,7 @@ class TorchEngine:
         return variables
 
     def check(self, runs: Runs) -> None:
-        """Compares the kernels of this stage with the reference interpreter. Raises
-        WrongKernelError.
-        """
+        """Compares the kernels, if any, with the reference interpreter. Raises WrongKernelError."""
         self._objective.check(runs)
 
     def weights(self) -> dict[str, FloatArray]:
@@ -109,9 +111,7 @@ class TorchEngine:
             group["lr"] = rate * usual
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
-        """Replaces the series with the start values of runs, either of watched or of training
-        runs.
-        """
+        """Overwrites the series of initial states (see `Engine.write`)."""
         self._objective.write(series, watched=watched)
 
     def train_batches(
@@ -121,8 +121,10 @@ class TorchEngine:
         members: IntArray | None = None,
         before: LossSums | None = None,
     ) -> LossSums:
-        """Takes one optimiser step per batch; returns the losses before. Raises
-        NonFiniteLossError.
+        """Takes one optimiser step per batch; returns the losses before each step, added to
+        `before`.
+
+        Raises NonFiniteLossError.
         """
         runs = runs if members is None else runs.take(members)
         sums = dict(before or {})
@@ -190,7 +192,9 @@ class TorchEngine:
                     raw.grad = None
 
     def _is_steep(self) -> bool:
-        """True if the gradient is infinite, for programs in which that is possible."""
+        """True if the gradient of the current batch is infinite or NaN and the program can cause
+        that.
+        """
         if not self._objective.has_infinite_slopes:
             return False
         slopes = [raw.grad for raw in self._variables.values() if raw.grad is not None]
@@ -198,11 +202,13 @@ class TorchEngine:
         return not squares <= LARGEST_SLOPE * LARGEST_SLOPE  # true of NaN
 
     def order(self, count: int, key: int) -> IntArray:
-        """See `epoch_order.shuffled`."""
+        """The shuffled indices 0 … count−1 of an epoch's rollouts; `key` seeds the shuffle
+        (`epochs.shuffled`).
+        """
         return shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of these rollouts at the current weights, on the scored rows."""
+        """The losses of these rollouts at the current weights, on the rows of the monitor's set."""
         with _one_thread():
             return self._objective.evaluate(runs)
 
@@ -212,12 +218,12 @@ class TorchEngine:
             return self._objective.measure(runs)
 
     def state(self) -> EngineState:
-        """The current raw variables and optimiser state."""
+        """A copy of the raw variables and of the optimiser's state, for a checkpoint."""
         variables = {name: raw.detach() for name, raw in self._variables.items()}
         return flattened({"variables": variables, "optimizer": self._optimizer.state_dict()})
 
     def restore(self, state: EngineState) -> None:
-        """Restores a state of the same stage."""
+        """Sets parameters and optimiser to a state that `state` returned in the same stage."""
         content = rebuilt(state)
         with torch.no_grad():
             for name, raw in self._variables.items():
@@ -265,7 +271,7 @@ def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.
 
 
 def _groups(plan: StagePlan, variables: Mapping[str, Tensor], lr: float) -> list[dict[str, object]]:
-    """One group for each learning rate."""
+    """The parameter groups of a torch optimiser: one for each learning rate."""
     by_rate: dict[float, list[Tensor]] = {}
     for name, raw in variables.items():
         by_rate.setdefault(lr * plan.lr_factors.get(name, 1.0), []).append(raw)

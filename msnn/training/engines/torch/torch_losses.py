@@ -43,7 +43,7 @@ class TorchLossSum:
 
 @dataclass(frozen=True, slots=True)
 class TorchScoring:
-    """The data of a stage as tensors, and the scored part of rollouts."""
+    """The data of a stage as tensors, and which steps and rows of rollouts are scored."""
 
     series: Mapping[str, Tensor]
     skip: int
@@ -59,7 +59,11 @@ def scoring(
     skip: int,
     scored: Mapping[str, BoolArray] | None,
 ) -> TorchScoring:
-    """The series as tensors with the dtype and device of a model."""
+    """Converts series to tensors with the dtype and device of a model.
+
+    `skip` is the number of steps at the beginning of each rollout that are not scored. `scored` has
+    a mask (rows,) for each loss; None scores all rows.
+    """
     # looked for once: a mask where nothing can be missing would cost every batch
     missing = any(bool(np.isnan(values).any()) for values in series.values())
     place, dtype = model.device, model.dtype
@@ -96,7 +100,7 @@ def evaluated(
 
 @dataclass(frozen=True, slots=True)
 class ScoredValues:
-    """Predictions and targets of a loss, for scored elements with a target."""
+    """Predictions and targets that a loss compares, one element for each scored number."""
 
     prediction: Tensor
     target: Tensor | None
@@ -109,7 +113,9 @@ class ScoredValues:
 def scored_values(
     model: TorchModel, frame: Frame, data: TorchScoring, runs: Runs
 ) -> dict[str, ScoredValues | None]:
-    """The pairs that every loss compares over the rollouts; None if nothing is scored."""
+    """Simulates rollouts in parallel; returns the predictions and targets of each loss, None if
+    none is scored.
+    """
     program = model.program
     # sort by length: the rollouts that still run are then a slice of the batch
     order = longest_first(runs)
@@ -135,7 +141,7 @@ def scored_values(
 
 
 class _Block:
-    """The rows around a batch of rollouts, gathered once: (B, *shape, rows) per signal."""
+    """The data that a batch of rollouts reads, copied once: (B, *shape, rows) for each signal."""
 
     def __init__(
         self, program: Program, series: Mapping[str, Tensor], t0: Tensor, steps: int
@@ -158,7 +164,9 @@ class _Block:
 
 
 def _reads(program: Program, steps: int) -> dict[str, Extent]:
-    """The samples relative to t0 that a rollout reads, by signal."""
+    """The first and last sample, relative to the start row t0, that a rollout of `steps` steps
+    reads per signal.
+    """
     found: dict[str, Extent] = {}
     # the start runs at t0 alone, the step at t0 … t0 + steps − 1
     for graph, last in ((program.step, steps - 1), (program.start, 0)):
@@ -179,7 +187,7 @@ class _Part:
     runs: Tensor
 
     def along(self, value: Tensor) -> Tensor:
-        """The elements of scored rows."""
+        """The elements of `value` in scored rows."""
         return value if self.rows is None else value[self.rows]
 
 
@@ -222,7 +230,11 @@ def _summed(loss: Loss, scored: ScoredValues | None, model: TorchModel) -> Torch
 
 
 def cost(loss: Loss, prediction: Tensor, target: Tensor | None) -> Tensor:
-    """The term of each element in the mean of a loss."""
+    """The loss of each element: its squared error, absolute error, Huber cost or the prediction
+    itself.
+
+    A loss is the mean of these (its root for RMSE). Target None means 0.
+    """
     error = prediction if target is None else prediction - target
     match loss.measure:
         case Measure.MSE | Measure.RMSE:

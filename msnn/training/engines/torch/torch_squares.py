@@ -41,7 +41,9 @@ Weights = Mapping[str, FloatArray]
 
 
 class TorchSquares:
-    """Unrolls the program's module; every learned element is a direction of forward mode."""
+    """Least squares of a stage in torch: it simulates rollouts and their derivatives in forward
+    mode.
+    """
 
     def __init__(
         self,
@@ -69,9 +71,7 @@ class TorchSquares:
         """Does nothing: torch needs no check against the reference interpreter."""
 
     def write(self, series: Weights, *, watched: bool) -> None:
-        """Replaces the series with the start values of runs, either of watched or of training
-        runs.
-        """
+        """Overwrites the series of initial states (see `Engine.write`)."""
         into = self._evaluation if watched else self._train
         for name, values in series.items():
             into.series[name].copy_(torch.from_numpy(values))
@@ -86,7 +86,9 @@ class TorchSquares:
         return sums
 
     def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
-        """The same products, with separate blocks for the last `own` variables of every run."""
+        """The same products, separately for each rollout in the last `own` variables, its initial
+        states.
+        """
         parts: dict[str, list[ProductsOfRuns]] = {}
         for batch, rows in self._rows(runs, weights):
             for name, one in rows.items():
@@ -149,11 +151,11 @@ class TorchSquares:
         return {name: part.reshape(values[name].shape) for name, part in parts}
 
     def train_costs(self, runs: Runs, weights: Weights) -> LossSums:
-        """The losses of training rollouts."""
+        """The losses of training rollouts, without derivatives."""
         return self._costs(self._train, runs, weights)
 
     def watched_costs(self, runs: Runs, weights: Weights) -> LossSums:
-        """The losses of rollouts on the watched rows."""
+        """The losses of rollouts on the rows of the monitor's set, without derivatives."""
         return self._costs(self._evaluation, runs, weights)
 
     def _costs(self, data: TorchScoring, runs: Runs, weights: Weights) -> LossSums:
@@ -163,7 +165,9 @@ class TorchSquares:
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Residuals and Jacobian of one loss, without residuals with infinite derivatives."""
+    """Residuals (n,) and Jacobian (n, variables) of one loss; rows with infinite
+    derivatives are 0.
+    """
 
     error: Tensor
     slopes: Tensor
@@ -207,7 +211,7 @@ class _Rows:
         return cls(error, slopes, costs, each, left_out, runs)
 
     def products(self) -> Products:
-        """The products of all rows."""
+        """JᵀJ and Jᵀr over all rows, with the sum of squares, the loss and the counts."""
         return Products(
             curvature=(self.slopes.T @ self.slopes).cpu().numpy(),
             slope=(self.slopes.T @ self.error).cpu().numpy(),
@@ -218,7 +222,7 @@ class _Rows:
         )
 
     def products_of_runs(self, runs: int, own: int) -> ProductsOfRuns:
-        """The products with separate blocks for the last `own` variables of each run."""
+        """The same products, separately for each of `runs` rollouts in the last `own` variables."""
         n = self.slopes.shape[1] - own
         shared, apart = self.slopes[:, :n], self.slopes[:, n:]
 

@@ -73,9 +73,10 @@ def beside_bounds(
     curvature: FloatArray,
     total: float,
 ) -> BesideBounds:
-    """Classifies values from half the gradient of the total F and its curvature.
+    """Finds parameters that are at a bound and those that got stuck near one, by derivatives.
 
-    `curvature` is the diagonal of JᵀJ. A value near a bound is held by it if the minimum along this
+    F is the total loss at `weights`. `slope` (elements,) is half its gradient, `curvature`
+    (elements,) the diagonal of JᵀJ. A value near a bound is held by it if the minimum along this
     single element is at or beyond the bound. It is stuck if that minimum is farther inside than the
     value and the loss decreases noticeably on the way.
     """
@@ -106,7 +107,7 @@ def beside_bounds_by_slope(
     slope: Mapping[str, FloatArray],
     total: float,
 ) -> BesideBounds:
-    """Classifies values from the gradient alone, if the curvature is unknown.
+    """The same from the gradient alone, `slope` by parameter, if the curvature is unknown.
 
     A derivative is significant if a move over the near-bound distance changes the total by 10⁻⁴ of
     it.

@@ -100,7 +100,9 @@ class HeldStarts:
         return {}
 
     def of(self, free: IntArray) -> Information:
-        """The information about a subset of the elements."""
+        """The same information about only the elements with the indices `free`; the others are
+        fixed.
+        """
         some: dict[str, Products] = {}
         for name, one in self.products.items():
             blocks = _blocks(one)
@@ -112,15 +114,22 @@ class HeldStarts:
         return replace(self, products=some, follows=self.follows[:, free], slopes=slopes)
 
     def curvature(self) -> FloatArray:
-        """Σ cₗ DₗᵀDₗ."""
+        """Σ cₗ DₗᵀDₗ (see the module): the Gauss-Newton curvature if initial states follow the
+        parameters.
+        """
         return np.asarray(sum(c * self._moving(name) for name, c in self.shares.items()))
 
     def equations(self) -> FloatArray | None:
-        """M = Σ cₗ JₗᵀDₗ."""
+        """M = Σ cₗ JₗᵀDₗ (see the module), which maps a change of the parameters to the
+        gradient.
+        """
         return np.asarray(sum(c * self._crossing(name) for name, c in self.shares.items()))
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """cₗ² JₗᵀJₗ + Σ G c̃ₗ² K̃ₗᵀK̃ₗ Gᵀ over runs that do not overlap."""
+        """The covariance of the gradient by the noise of each loss, for noise of variance 1.
+
+        cₗ² JₗᵀJₗ + Σ G c̃ₗ² K̃ₗᵀK̃ₗ Gᵀ over runs that do not overlap.
+        """
         if self.slopes is not None:
             return self.slopes
         return {
@@ -160,17 +169,19 @@ class HeldStarts:
 
     @cached_property
     def carried(self) -> FloatArray:
-        """G of each run."""
+        """G of each run, (runs, elements, elements of x): how initial states change the gradient
+        (see the module).
+        """
         cross = sum(c * _blocks(self.products[name]).cross for name, c in self.shares.items())
         return np.asarray(cross) @ self.inverse
 
     def _crossing(self, name: str) -> FloatArray:
-        """JᵀD of a loss."""
+        """JᵀD of one loss, (elements, elements); J and D are explained in the module."""
         one = self.products[name]
         return one.curvature - np.einsum("rpn,rqn->pq", _blocks(one).cross, self.follows)
 
     def _moving(self, name: str) -> FloatArray:
-        """DᵀD of a loss."""
+        """DᵀD of one loss, (elements, elements); D is explained in the module."""
         crossing, own = self._crossing(name), _blocks(self.products[name]).curvature
         # JᵀK Lᵀ, so that DᵀD = JᵀD − (JᵀK Lᵀ)ᵀ + L KᵀK Lᵀ
         mixed = self.products[name].curvature - crossing

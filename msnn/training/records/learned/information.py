@@ -1,4 +1,4 @@
-"""Computes the information about parameters, and inverts it on the identifiable subspace."""
+"""Computes the Fisher information about parameters, and inverts it where they are identifiable."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from msnn.training.plans.stage_plan import StagePlan
 
 
 class Information(Protocol):
-    """The information of residuals about the learned elements, near the minimum.
+    """The information of residuals about the learned parameters, from which standard errors follow.
 
-    A change dθ solves M dθ = −s, where noise of loss l makes the gradient s vary.
+    Near the minimum, a change dθ solves M dθ = −s, where noise of the residuals makes the gradient
+    s vary.
     """
 
     @property
@@ -28,15 +29,19 @@ class Information(Protocol):
 
     @property
     def used_up(self) -> Mapping[str, float]:
-        """Degrees of freedom of each loss used for initial states."""
+        """The degrees of freedom of each loss that estimated initial states use up."""
         ...
 
     def of(self, free: IntArray) -> Information:
-        """The information about a subset of the elements, with the others fixed."""
+        """The information about only the elements with the indices `free`; the others are fixed."""
         ...
 
     def curvature(self) -> FloatArray:
-        """The curvature of the total with adapting initial states; singular if not identifiable."""
+        """The Gauss-Newton curvature, (elements, elements), if initial states follow the
+        parameters.
+
+        It is singular if some parameters are not identifiable.
+        """
         ...
 
     def equations(self) -> FloatArray | None:
@@ -48,7 +53,7 @@ class Information(Protocol):
         ...
 
     def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
-        """σ² of the residuals of measured losses; `inverse` is M⁻¹."""
+        """The noise variance σ² of each loss in `measured`; `inverse` is M⁻¹."""
         ...
 
 
@@ -61,7 +66,7 @@ def numbers(products: Mapping[str, Products], name: str) -> float:
 
 
 def shares_of(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, float]:
-    """cₗ of the losses with scored rows: the contribution of one squared residual to the total."""
+    """cₗ of each loss with scored rows: how much one squared residual contributes to the total."""
     names = [name for name in plan.loss_weights if name in products and products[name].count]
     return {name: _share(plan, name, products[name]) for name in names}
 
@@ -84,7 +89,9 @@ class Sandwich:
 
     @classmethod
     def of_loss(cls, name: str, share: float, products: Mapping[str, Products]) -> Sandwich:
-        """Builds both sums from the products of the auxiliary losses."""
+        """Builds both matrices of the loss `name` from the losses that `squared` has added
+        for it.
+        """
         bread, meat = products[f"{BREAD_OF}{name}"], products[f"{MEAT_OF}{name}"]
         # Σ w ψ² / n is the variance that the gradient is divided by
         variance = bread.squares / numbers(products, name)
@@ -96,7 +103,7 @@ class Sandwich:
         )
 
     def of(self, free: IntArray) -> Sandwich:
-        """The sums for a subset of the elements."""
+        """The matrices for only the elements with the indices `free`."""
         some = np.ix_(free, free)
         return replace(self, bread=self.bread[some], meat=self.meat[some])
 
@@ -122,7 +129,9 @@ class SymmetricInformation:
         return replace(self, curvatures=some, robust=robust)
 
     def curvature(self) -> FloatArray:
-        """Σ cₗ JₗᵀJₗ."""
+        """Σ cₗ JₗᵀJₗ over the losses: the Gauss-Newton curvature of the total, (elements,
+        elements).
+        """
         return np.asarray(sum(self.curvatures.values()))
 
     def equations(self) -> FloatArray | None:
@@ -132,7 +141,9 @@ class SymmetricInformation:
         return np.asarray(sum(map(self._curving, self.curvatures)))
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """cₗ² JₗᵀJₗ; for robust losses the meat."""
+        """The covariance of the gradient by each loss: cₗ² JₗᵀJₗ; `Sandwich.meat` for robust
+        losses.
+        """
         return {
             name: self.robust[name].meat if name in self.robust else self.shares[name] * one
             for name, one in self.curvatures.items()
@@ -175,10 +186,12 @@ _SHARE = 1e-3
 def inverted(
     curvature: FloatArray, equations: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Pseudo-inverse on the identifiable subspace, and a basis of its null space as columns.
+    """The pseudo-inverse of a symmetric curvature (n, n), and a basis of its null space as columns
+    (n, k).
 
-    Variables are first scaled to curvature 1, so that the rank does not depend on units. If
-    `equations` are given, they are inverted on the subspace that the curvature identifies. Raises
+    The null space has the changes of parameters that the data do not determine. Variables are first
+    scaled to curvature 1, so that the rank does not depend on units. If `equations` (n, n) are
+    given, they are inverted instead on the subspace that the curvature identifies. Raises
     LinAlgError if they are singular there.
     """
     diagonal = np.diagonal(curvature)
@@ -196,14 +209,17 @@ def inverted(
 
 
 def is_part_of(nothing: FloatArray) -> BoolArray:
-    """The mask of elements that take part in an unidentifiable direction."""
+    """The mask of elements that take part in a direction of the null space `nothing` (n, k)."""
     return np.asarray((nothing * nothing).sum(axis=1) > _SHARE * _SHARE)
 
 
 def combinations(
     curvature: FloatArray, nothing: FloatArray, names: list[str]
 ) -> tuple[Mapping[str, float], ...]:
-    """The unidentifiable directions, in the units of the parameters."""
+    """The directions of the null space as changes of elements by name, in the parameters' units.
+
+    The largest change is 1; small ones are omitted.
+    """
     diagonal = np.diagonal(curvature)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     found: list[Mapping[str, float]] = []

@@ -125,7 +125,8 @@ def kept_starts(
     result: StageResult,
     warned: Callable[[Diagnostic], None],
 ) -> KeptStarts | None:
-    """The initial states of the recordings of a stage; None if they can be recomputed by rule.
+    """The estimated initial states of a stage's recordings, to save; None if a rule recomputes
+    them.
 
     Of overlapping rollouts, those one horizon apart are used. Initial states that were estimated in
     training keep their final values. If all losses are sums of squares, the others are estimated at
@@ -214,7 +215,9 @@ def _squares(
     runs: Runs,
     weights: Mapping[str, FloatArray],
 ) -> tuple[SlopedSquares, tuple[Diagnostic, ...]]:
-    """Residuals and Jacobians by kernels if possible, else by torch with notes for the user."""
+    """An object that computes residuals and Jacobians: kernels if possible, else torch with
+    notes.
+    """
 
     def native(_: StagePlan) -> NativeSlopes:
         squares = NativeSlopes(plan, data.series, rows)

@@ -70,7 +70,7 @@ def of_overlapping_runs(
 
 @dataclass(slots=True)
 class _Sums:
-    """The sums of one loss over the steps of every run."""
+    """The sums of one loss over the steps of all rollouts, to which steps are added one by one."""
 
     curvature: FloatArray
     cross: FloatArray
@@ -89,7 +89,7 @@ class _Sums:
         )
 
     def add(self, one: _Slopes) -> None:
-        """Adds one step of some of these runs."""
+        """Adds the derivatives of one step of some rollouts to the sums."""
         learned = len(self.curvature)
         j, k = one.slopes[:, :learned], one.slopes[:, learned:]
         self.curvature += np.einsum("rpm,rqm->pq", j, j)
@@ -119,7 +119,7 @@ class _Sums:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Slopes:
-    """The Jacobian of one loss's residuals at one step of some runs."""
+    """The derivatives of one loss's residuals at one step of some rollouts (`members`)."""
 
     loss: str
     members: IntArray
@@ -178,9 +178,7 @@ class _Runs:
         )
 
     def slopes(self) -> Iterator[_Slopes]:
-        """Yields the Jacobians of every loss, step by step, for determining and for scored
-        steps.
-        """
+        """Yields the derivatives of every loss, step by step along the rollouts."""
         with np.errstate(all="ignore"):  # as in training, a run that leaves the numbers is told of
             for moment in moments(self.judge, self.log, self.runs, losses=False):
                 decides = moment.number < self.over

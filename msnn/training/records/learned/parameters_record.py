@@ -22,7 +22,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 def parameters_record(
     program: Program, weights: Mapping[str, FloatArray], found: StandardErrors | None
 ) -> dict[str, Any]:
-    """Every parameter with unit, values and standard errors, and the basis of these errors.
+    """The content of `parameters.json`: every parameter with unit, values and standard errors.
 
     The standard error of an element is null if it was not trained in the last stage or is at a
     bound. It is also null for zeros set by a penalty and for unidentifiable elements.
@@ -83,7 +83,8 @@ def has_unidentified(record: Mapping[str, Any], found: Mapping[str, Any]) -> boo
 
 
 def zero_slices(program: Program, weights: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
-    """The zero slices of every array with `group`, and the number of zeros of arrays with `l1`.
+    """The parts of arrays that a penalty has set to 0: slices for `group`, a number of elements for
+    `l1`.
 
     Slices are named by the labels of their dimension, else by their index from 0.
     """

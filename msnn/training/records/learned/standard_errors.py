@@ -139,7 +139,7 @@ def ways_left(
     weights: Mapping[str, FloatArray],
     estimated: EstimatedStarts | None = None,
 ) -> Mapping[str, FloatArray] | None:
-    """The distance of each element that a stage trains from the minimum of its total.
+    """The estimated distance of each trained element from its value at the minimum of the total.
 
     It is the Gauss-Newton step −A⁻¹g for all elements, without unidentifiable directions; 0 if this
     step lowers the total by less than a tenth. None if the curvature is unknown.
@@ -163,7 +163,9 @@ def ways_left(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _End:
-    """The information of a stage's residuals at its final weights."""
+    """The derivatives of a stage's residuals at its final weights, from which standard errors
+    follow.
+    """
 
     plan: StagePlan
     parameters: list[Parameter]

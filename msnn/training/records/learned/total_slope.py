@@ -30,7 +30,9 @@ _LOOKED_AT = 100
 
 @dataclass(frozen=True, slots=True)
 class TotalSlope:
-    """The total over the rollouts of a stage, and its gradient in physical values."""
+    """The total loss over the rollouts of a stage, and its gradient by parameter, in physical
+    values.
+    """
 
     total: float
     slope: Mapping[str, FloatArray]
@@ -43,7 +45,9 @@ def with_bounds(
     stage: StageData,
     weights: Mapping[str, FloatArray],
 ) -> StandardErrors:
-    """Adds the values at bounds if the standard errors did not determine them."""
+    """Adds which parameters are at bounds, by the gradient, if standard errors did not determine
+    it.
+    """
     parameters = [plan.program.parameter(name) for name in plan.trained]
     near = any(is_near_bound(p, weights[p.name]).any() for p in parameters)
     if found.beside is not None or not near:
