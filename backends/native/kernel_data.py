@@ -210,6 +210,8 @@ def lane_groups(
     first. Unused lanes repeat the last rollout of their group and are marked as unused.
     """
     lanes = type["start"].shape[0]
+    if len(sizes) == 1 and (steps == steps[:1]).all():
+        return _equal_groups(type, starts, int(steps[0]))
     batch = np.repeat(np.arange(len(sizes)), sizes)
     # the last key is the primary one: by batch, then by descending length
     order = np.lexsort((-steps, batch))
@@ -231,3 +233,23 @@ def lane_groups(
     groups["used"] = -(within < members_there).reshape(-1, lanes).astype(int)
     ends = np.cumsum(np.bincount(np.repeat(batch[begins], count), minlength=len(sizes)))
     return groups, np.concatenate([[0], ends])
+
+
+def _equal_groups(type: np.dtype[Any], starts: Rows, steps: int) -> tuple[Groups, Rows]:
+    """The groups of one batch of rollouts of equal length, in their order.
+
+    Rollouts may be as many as the rows of the data, so no other array is made.
+    """
+    lanes = type["start"].shape[0]
+    groups = np.zeros(-(-len(starts) // lanes), type)
+    whole = len(starts) // lanes
+    groups["steps"] = steps
+    groups["start"][:whole] = starts[: whole * lanes].reshape(-1, lanes)
+    # −1 has all bits set, like the result of a vector comparison
+    groups["used"] = -1
+    if whole < len(groups):
+        rest = starts[whole * lanes :]
+        groups["start"][whole] = rest[-1]
+        groups["start"][whole, : len(rest)] = rest
+        groups["used"][whole, len(rest) :] = 0
+    return groups, np.array([0, len(groups)], np.int64)

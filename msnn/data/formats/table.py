@@ -90,6 +90,8 @@ class Streams:
     """Units that the file states for columns."""
     time_units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
     """Units of times taken from channels, if the file states them; other times are in seconds."""
+    packed: Mapping[ColumnKey, str] = field(default_factory=dict[ColumnKey, str])
+    """Scaling that was applied when columns were unpacked, for messages."""
     begins: Moment | None = None
     """The date of time 0, if the file stores it."""
     warnings: tuple[Diagnostic, ...] = ()

@@ -138,7 +138,7 @@ def read_file(
             mine.report(*unused_without_times(file, data))
         found = in_units_of_file(found, read.units, file.shown, mine)
         more = in_units_of_file(more, read.units, file.shown, mine)
-    if isinstance(read, ColumnTable):
+    if read is not None:
         report_scaled_twice((*found, *more), read.packed, mine)
     if isinstance(read, ColumnTable) and not read.columns and not mine.failed:
         mine.report(no_column_read(file.shown, program.name))

@@ -217,9 +217,7 @@ def _streams(
     rows = _on_grid(streams.columns, whole, sample_time, method, span, recording.uses)
     if not len(rows.continues):
         place = file.layout.place.key
-        findings.report(
-            errors.rows_not_there("the common time of all columns", file.shown, 0, place)
-        )
+        findings.report(errors.rows_not_there(None, file.shown, 0, place))
         return None
     return rows
 

@@ -57,6 +57,8 @@ class NamedArrays:
     """Units that the file states for an array, apart from the array's name."""
     packing: Callable[[str], Mapping[str, Any]] = _no_packing
     """The attributes for unpacking an array, such as `scale_factor`."""
+    applied: str = ""
+    """The scaling that `get` has applied, for messages."""
     other_names: Sequence[str] = ()
     other_units: Callable[[], Sequence[str]] = tuple
     """Names and units of the file's other arrays, which show if the file uses lower-case
@@ -95,7 +97,7 @@ class NamedArrays:
             try:
                 packing = self.packing(name)
                 array = unpacked(self.get(name), packing)
-                if text := scaling(packing):
+                if text := self.applied or scaling(packing):
                     packed[key] = text
             except PackingError as error:
                 faults.append(data_formats.unusable_array(str(key), self.file, user, str(error)))

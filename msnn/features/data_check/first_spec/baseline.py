@@ -17,6 +17,7 @@ from msnn.features.data_check.dynamics.arx import (
     fit_arx,
 )
 from msnn.features.data_check.dynamics.impulse_response import Responses, responses, time_constants
+from msnn.features.data_check.dynamics.orders import proposed_orders
 from msnn.features.data_check.dynamics.pieces import Piece, pieces_of
 from msnn.features.data_check.first_spec.columns import FoundColumn
 from msnn.features.data_check.first_spec.least_squares import (
@@ -112,11 +113,12 @@ def choose_baseline(
         if response is not None and response.begins_sharply(i)
     }
     answered = [
-        any(r is None or r.delay(i) is not None or r.answers(i) for r in found)
+        any(r is None or r.delay(i) is not None or r.shows(i) for r in found)
         for i in range(len(inputs))
     ]
     controlled = [any(feedback(each, i) is not None for each in pieces) for i in range(len(inputs))]
-    choice = _Choice(rows, delays, sharp)
+    orders = tuple(sorted({*_ORDERS}.union(*(proposed_orders(each) for each in pieces))))
+    choice = _Choice(rows, delays, sharp, orders)
     used = list(range(len(targets), len(columns)))
     goals = {
         column: target
@@ -209,6 +211,7 @@ class _Choice:
     rows: Rows
     delays: Mapping[tuple[int, int], SeenDelay]
     sharp: Collection[tuple[int, int]]
+    orders: Sequence[int]
 
     def best(self, used: Sequence[int]) -> _Candidate:
         """The smallest of about the best models; an order of 1 without weights if none fits."""
@@ -233,7 +236,7 @@ class _Choice:
 
     def _of_orders(self, terms: Sequence[Sequence[Term]]) -> _Candidate:
         tried: list[_Candidate] = []
-        for order in _ORDERS:
+        for order in self.orders:
             fits = [fit(self.rows, k, each, order) for k, each in enumerate(terms)]
             equations = tuple(equation for equation in fits if equation is not None)
             if len(equations) < len(fits):
