@@ -74,6 +74,10 @@ class Plugins:
     )
     """Warnings about names that are left out, by kind and name."""
 
+    taken: Mapping[tuple[str, str], tuple[str, ...]] = field(
+        default_factory=dict[tuple[str, str], tuple[str, ...]]
+    )
+    """Packages that bring a name which another package has, by kind and name."""
 
 class _Search:
     """The look-up, which is made once."""
@@ -220,6 +224,7 @@ def _looked_up() -> Plugins:
     failed: dict[str, str] = {}
     refused: dict[tuple[str, str], tuple[Diagnostic, ...]] = {}
     for point in points:
+    taken: dict[tuple[str, str], tuple[str, ...]] = {}
         package = _package(point)
         try:
             with prints_to_stderr():
@@ -255,10 +260,10 @@ def _looked_up() -> Plugins:
                 fault = _broken(package, f"the {kind} `{key}`", faults[id(line)])
                 own.append((kind, key, fault))
                 continue
-            names, ours, taken = _NAMES[kind]
+            names, ours, is_ours = _NAMES[kind]
             reason = _why_not(kind, key, package, keys, found)
             if reason is None and key in ours.value:
-                reason = taken
+                reason = is_ours
             if reason is None:
                 names[key] = line
                 keys.add((kind, key))
@@ -266,6 +271,8 @@ def _looked_up() -> Plugins:
                 own.append((kind, key, _without(package, kind, key, reason)))
         for kind, key, warning in own:
             warnings.append(warning)
+            if any((kind, key) in plugin.keys for plugin in found):
+                taken[kind, key] = (*taken.get((kind, key), ()), package)
             refused[kind, key] = (*refused.get((kind, key), ()), warning)
         if faults and not keys:
             failed[package] = _reason(next(iter(faults.values())))
@@ -274,7 +281,7 @@ def _looked_up() -> Plugins:
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
-    return Plugins(tuple(found), tuple(warnings), failed, refused)
+    return Plugins(tuple(found), tuple(warnings), failed, refused, taken)
 
 
 def _why_not(
