@@ -237,6 +237,21 @@ FAULTS = (
     ),
     Fault("target `sheet`", "def load(p, w): raise KeyError('x')", "raised KeyError", "--check"),
     Fault("target `sheet`", "def load(p, w): return 3", "raised TypeError", "--check"),
+    Fault(
+        "target `sheet`",
+        "def write(p, w, f): w['k'] *= 2",
+        "raised ValueError: output array is read-only (faulty, line 50, in write)",
+        "export",
+    ),
+    Fault("target `sheet`", "def write(p, w, f): w['k'] = 2", "raised TypeError", "export"),
+    Fault("target `sheet`", "def write(p, w, f): w.clear()", "raised AttributeError", "export"),
+    Fault(
+        "target `sheet`",
+        "def prepare(r, e):\n    if r.weights: r.weights['k'][...] = 3\n"
+        "    return float_plan(SHEET, r, e)",
+        "raised ValueError: assignment destination is read-only",
+        "export",
+    ),
 )
 
 
