@@ -209,6 +209,8 @@ FAULTS = (
             "c.learned('w', (Axis('i', 0),), 1, 'x')": "raised ValueError: `w` has an empty axis",
             "c.learned('w', (Axis('i', 2), Axis('i', 2)), 1, 'x')": "`w` has an axis twice",
             "c.refuse('too small')": "is not a Diagnostic: write `error(...)`",
+            "c.refuse(warning('A1', None, 'x'))": "a warning refuses nothing: write `error(...)`",
+            "c.refuse(remark('A1', None, 'x'))": "a note refuses nothing: write `error(...)`",
         }.items()
     ),
     Fault(
@@ -235,8 +237,6 @@ FAULTS = (
         "wrote b.txt outside of its folder",
         "export",
     ),
-    Fault("target `sheet`", "def load(p, w): raise KeyError('x')", "raised KeyError", "--check"),
-    Fault("target `sheet`", "def load(p, w): return 3", "raised TypeError", "--check"),
     Fault(
         "target `sheet`",
         "def write(p, w, f): w['k'] *= 2",
@@ -252,6 +252,8 @@ FAULTS = (
         "raised ValueError: assignment destination is read-only",
         "export",
     ),
+    Fault("target `sheet`", "def load(p, w): raise KeyError('x')", "raised KeyError", "--check"),
+    Fault("target `sheet`", "def load(p, w): return 3", "raised TypeError", "--check"),
 )
 
 
