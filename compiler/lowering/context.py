@@ -125,13 +125,19 @@ class Sampling:
     def samples(self, length: Length) -> int:
         """Number of samples of a length.
 
-        Raises LoweringFailed if it is not a multiple of the sample time.
+        Raises LoweringFailed if it is not a multiple of the sample time, and TypeError for a value
+        of another type.
         """
         match length:
             case Samples(count=count):
                 found = count
             case Duration():
                 found = self.from_seconds(length.seconds, length.quantity.text, length.span)
+            case _:  # of a plug-in
+                raise TypeError(
+                    f"a {type(length).__name__} is no length: declare the field of the settings as "
+                    "`msnn.extending.PositiveLength` or `LengthField`"
+                )
         if abs(found) > LONGEST_WINDOW:
             shown = f"{'at least ' if found == _BEYOND else ''}{found:,}"
             self._findings.report(time_errors.window_too_long(shown, LONGEST_WINDOW, length.span))
