@@ -120,7 +120,9 @@ class _Worker:
 
 
 class _Workers:
-    """A context with `jobs` worker processes; an exception such as Ctrl-C interrupts all of them."""
+    """A context with `jobs` worker processes; an exception such as Ctrl-C interrupts all
+    of them.
+    """
 
     def __init__(
         self, setup: Setup, known: Mapping[str, RunLine], jobs: int, modules: Sequence[str]

@@ -247,7 +247,9 @@ def _reason(error: Exception) -> str:
 
 
 def _text(axis: DrawAxis, value: object) -> str:
-    """A proposed value as text for labels and for the spec, rounded as in a sweep without Optuna."""
+    """A proposed value as text for labels and for the spec, rounded as in a sweep
+    without Optuna.
+    """
     if isinstance(axis.law, Bounds) and isinstance(value, int | float):
         return axis.law.text(value)
     return str(value)

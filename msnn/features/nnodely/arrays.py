@@ -134,7 +134,9 @@ def summed(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> E
 
 
 def averaged(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> Elements:
-    """The mean over the axes `dim`, or over all axes for None; `keepdim` keeps them with length 1."""
+    """The mean over the axes `dim`, or over all axes for None; `keepdim` keeps them with
+    length 1.
+    """
     sums = summed(array, dim, keepdim)
     count = array.size // max(sums.size, 1)
     # Σ / n, as torch divides

@@ -140,7 +140,9 @@ class Parameters:
         return out
 
     def element(self, whole: Term, index: list[int]) -> Term:
-        """One element of the array `whole` as a term; `index` has one entry per axis of the spec."""
+        """One element of the array `whole` as a term; `index` has one entry per axis of
+        the spec.
+        """
         term = whole
         axes = whole.head.axes if isinstance(whole.head, Named) else ()
         for k, i in enumerate(index):

@@ -298,7 +298,9 @@ class UnknownKindError(Exception):
 
 
 def unknown_form(kind: str) -> UnknownKindError:
-    """The error for a relation of an unsupported kind or with unexpected arguments, to be raised."""
+    """The error for a relation of an unsupported kind or with unexpected arguments, to
+    be raised.
+    """
     repair = "save it anew by `saveModel` of nnodely 1.x, or write its formula in a spec"
     if kind == "NeuralODE":
         repair = "write `states: {x: {der: …}}` with `integrator:` in a spec"

@@ -160,7 +160,9 @@ class Graph:
 
     @cached_property
     def uses(self) -> Mapping[str, int]:
-        """How often each name is an operand, an output, fed back, connected, or compared by a loss."""
+        """How often each name is an operand, an output, fed back, connected, or compared
+        by a loss.
+        """
         found: Counter[str] = Counter(self.file.Outputs.values())
         for name in self.file.Relations:
             found.update(self.operands(name))

@@ -34,7 +34,9 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """Facts about closed inputs that are discovered during a translation and used by the next one."""
+    """Facts about closed inputs that are discovered during a translation and used by the
+    next one.
+    """
 
     widths: dict[str, int] = field(default_factory=dict[str, int])
     """Number of samples of a feedback, if it is more than one."""

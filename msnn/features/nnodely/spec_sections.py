@@ -44,7 +44,9 @@ class Equations:
     _uses: dict[int, int] = field(default_factory=dict[int, int])
 
     def count(self, roots: Iterable[Term]) -> None:
-        """Counts how often parts of these terms are used; to be called before any text is written."""
+        """Counts how often parts of these terms are used; to be called before any text
+        is written.
+        """
         seen: set[int] = set()
         for root in roots:
             self._uses[id(root)] = self._uses.get(id(root), 0) + 1

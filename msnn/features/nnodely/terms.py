@@ -44,7 +44,9 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """An equation that is referred to by its name, because a gradient is taken with respect to it."""
+    """An equation that is referred to by its name, because a gradient is taken with
+    respect to it.
+    """
 
     name: str
 

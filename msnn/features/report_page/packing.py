@@ -75,7 +75,9 @@ def thinned(values: FloatArray, block: int) -> Plain:
 
 
 def series(values: FloatArray, block: int) -> Plain:
-    """The values in packed form: all of them for `block` ≤ 2, else two per block of `block` values."""
+    """The values in packed form: all of them for `block` ≤ 2, else two per block of
+    `block` values.
+    """
     return packed(values) if block <= 2 else thinned(values, block)
 
 

@@ -233,7 +233,9 @@ def c_table(memory: Mapping[str, int], cost: Cost | None) -> PageTable:
 
 
 def verification_table(found: Mapping[str, Any]) -> PageTable:
-    """The results of `msnn verify`; `found` is the object that `msnn verify --format json` prints."""
+    """The results of `msnn verify`; `found` is the object that `msnn verify --format
+    json` prints.
+    """
     rows = tuple(
         PageRow(
             (
@@ -318,7 +320,9 @@ def _start(init: InitialState) -> str:
 
 
 def _predicted(prediction: Prediction) -> str:
-    """The predicted signal as MathML: its name with a hat and the index of the sample, such as t+1."""
+    """The predicted signal as MathML: its name with a hat and the index of the sample,
+    such as t+1.
+    """
     ahead = prediction.ahead
     now = isinstance(ahead, Samples) and ahead.count == 0
     index = "t" if now else f"t+{length_text(ahead)}"

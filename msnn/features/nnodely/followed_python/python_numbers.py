@@ -111,7 +111,9 @@ def compared(op: ast.cmpop, left: Any, right: Any) -> bool:
 
 
 def shares(value: Any, held: Any) -> bool:
-    """True if an in-place change of `value` would also change `held`, a value or a list of values."""
+    """True if an in-place change of `value` would also change `held`, a value or a list
+    of values.
+    """
     # a tensor in a list is reached by whoever has the list
     if isinstance(held, list):
         return held is value or any(shares(value, one) for one in cast("list[Any]", held))
