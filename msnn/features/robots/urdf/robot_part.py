@@ -144,8 +144,9 @@ def _gravity(entry: sections.Robot, findings: Findings) -> Vector:
 def _armature(
     entry: sections.Robot, slides: Sequence[bool], findings: Findings
 ) -> tuple[float, ...]:
-    """The motor inertia of each joint in the order of q (kg m², or kg for one that slides), 0 for
-    joints of a floating base; a single value holds for all others.
+    """The motor inertia of each joint in the order of q, in kg m², or in kg for one that slides. It
+    is 0 for joints of a floating base; a single value holds for all others. Reports wrong numbers
+    and negative ones.
     """
     if entry.armature is None:
         return (0.0,) * len(slides)
