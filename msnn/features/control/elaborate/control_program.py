@@ -43,8 +43,8 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
     """The names of the signals whose samples at t affect the value of a node, for a program in step
     form.
 
-    Of a window that contains the newest sample, only that sample counts: older ones belong to
-    earlier steps.
+    If a window contains the newest sample, only that sample counts: older ones belong to earlier
+    steps.
     """
     live = needed(program.step, [node])
     if not _read(program, live):
