@@ -1,6 +1,6 @@
 """E0230, W0222, W0956: plug-ins."""
 
-from traceback import walk_tb
+from traceback import format_exception, walk_tb
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -9,6 +9,9 @@ OTHER_VERSION = "W0956"
 """The code of warnings about plug-ins of another version."""
 _LONGEST_REASON = 200
 """Maximum number of characters of an exception's message."""
+
+TRACEBACKS: list[str] = []
+"""Of exceptions of plug-ins that were reported during the running command, for `--verbose`."""
 
 
 def left_out(package: str, part: str, reason: str, repair: str) -> Diagnostic:
@@ -41,6 +44,7 @@ def what_was_raised(raised: BaseException, module: str) -> str:
 
     Functions of other packages that it calls are seldom at fault.
     """
+    keep_traceback(raised)
     lines = [
         f"{frame.f_globals['__name__']}, line {line}, in {frame.f_code.co_name}"
         for frame, line in walk_tb(raised.__traceback__)
@@ -50,6 +54,13 @@ def what_was_raised(raised: BaseException, module: str) -> str:
     name = type(raised).__name__
     at = f" ({lines[-1]})" if lines else ""
     return f"raised {name}{f': {reason}' if reason else ''}{at}"
+
+
+def keep_traceback(raised: BaseException) -> None:
+    """Adds the traceback of an exception of a plug-in to `TRACEBACKS`, once."""
+    text = "".join(format_exception(raised))
+    if text not in TRACEBACKS:
+        TRACEBACKS.append(text)
 
 
 def _package(module: str) -> str:

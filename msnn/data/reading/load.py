@@ -339,7 +339,7 @@ def _joined(
         # an empty mapping of a program without signals is none either
         series=whole
         or {
-            signal.name: np.concatenate(
+            signal.name: _in_sequence(
                 [part.series[signal.name] for part in parts]
                 or [np.zeros((0, *(axis.size for axis in signal.axes)))]
             )
@@ -353,6 +353,11 @@ def _joined(
         warnings=warnings,
         measured=_measured(parts),
     )
+
+
+def _in_sequence(series: Sequence[FloatArray]) -> FloatArray:
+    """The rows of all arrays in one; a single array as it is, which may be large."""
+    return series[0] if len(series) == 1 else np.concatenate(series)
 
 
 def _measured(parts: Sequence[FilePart]) -> dict[str, BoolArray]:
