@@ -58,12 +58,9 @@ def of_other_plugins(fault: Diagnostic, changed: Sequence[tuple[str, UsedPlugin]
 def weights_of_another_model(
     file: str, said: Sequence[str], setting: str | None = None, kept: str = "the spec that is kept"
 ) -> Diagnostic:
-    """E0994: weights were trained for another model.
-
-    `said` lists the differing values of both models, at least one. `setting` is the argument of
-    `--set` that selects the trained model, if there is one. `kept` names the file of the run that
-    fits the weights.
-    """
+    """E0994: weights were trained for another model."""
+    # `said` lists the differing values, `setting` is the argument of `--set` that selects the
+    # trained model, and `kept` names the file of the run that fits the weights
     more = len(said) - _MOST_SHOWN
     notes = (*said[1:_MOST_SHOWN], *((f"{more} more values differ",) if more > 0 else ()))
     repair = f"train again, or take {kept} beside the weights"
