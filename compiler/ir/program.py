@@ -17,7 +17,7 @@ from spec_schema.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """A Gaussian prior: mean and standard deviation of each element of a parameter."""
+    """A Gaussian prior of a parameter: mean and standard deviation, the same for each element."""
 
     mean: float
     std: float
@@ -25,7 +25,7 @@ class Prior:
 
 @dataclass(frozen=True, slots=True)
 class Penalty:
-    """A penalty on one learned array, not differentiable where elements or slices are 0.
+    """A penalty on the parameter `parameter`, not differentiable where elements or slices are 0.
 
     Proximal optimisers handle it apart from the other losses (decision 0215). They use its value,
     but not its derivative.
@@ -39,7 +39,9 @@ class Penalty:
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """A statistic of a signal over the training rows; it initialises a parameter."""
+    """The mean or standard deviation of a signal over the training rows; it initialises a
+    parameter.
+    """
 
     kind: Literal["mean", "std"]
     signal: str
@@ -78,8 +80,8 @@ class Graph:
         return iter(enumerate(self.nodes))
 
     def unrepeated(self, node: NodeId) -> NodeId:
-        """The value before it was repeated: follows operands through `Broadcast` nodes; `node`
-        itself if it is none.
+        """The node id of the value before it was repeated: follows operands through `Broadcast`
+        nodes. Returns `node` itself if it is no `Broadcast`.
         """
         while isinstance(self.nodes[node].op, Broadcast):
             (node,) = self.nodes[node].args
@@ -115,11 +117,15 @@ class Fit:
 
     @property
     def array_names(self) -> tuple[str, ...]:
-        """The parameter arrays of the layer that the fit sets."""
+        """The names of the layer's parameter arrays that the fit sets, without the name of the
+        layer.
+        """
         return filter_arrays(self.kind, self.feedthrough)
 
     def sizes(self, target: tuple[Axis, ...]) -> Mapping[str, int]:
-        """The number of elements of each array, for a target with these axes."""
+        """The number of elements of each parameter array of the layer, by its name. `target` are
+        the axes of the target signal.
+        """
         outputs = Type(target).size
         match self.kind:
             case "iir":
@@ -132,7 +138,9 @@ class Fit:
 
 
 def filter_arrays(kind: FilterKind, feedthrough: bool) -> tuple[str, ...]:
-    """The names of the parameter arrays of a filter layer."""
+    """The names of the parameter arrays of a filter layer; `D` exists only if the argument affects
+    the result in the same step (`feedthrough`).
+    """
     match kind:
         case "iir":
             return ("num", "reflection")
@@ -215,7 +223,7 @@ class LayerMemory:
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """A buffer of past samples of an input or an equation, added by the compiler."""
+    """Origin of a buffer of past samples of an input or an equation, added by the compiler."""
 
     source: str
     """The name of the buffered input or equation."""
@@ -223,7 +231,9 @@ class History:
 
 @dataclass(frozen=True, slots=True)
 class Tape:
-    """Samples up to t+ahead−1 of a signal that a closed loop feeds back; added by `close_loop`."""
+    """Origin of a buffer that `close_loop` adds for an input that a closed loop replaces. It holds
+    the samples up to t+ahead−1 of the signal.
+    """
 
     signal: str
     ahead: int
@@ -277,7 +287,8 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The range of values that the spec expects of an equation. Nothing is computed for it alone.
+    """The range of values that the spec expects of an equation or output. No node is computed only
+    for it.
 
     If the step computes several samples of an equation (`e`, `e[t-3]`), each node has its own
     entry.
@@ -291,7 +302,9 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """The source text of a value, shown next to generated code: `travel` = `w - z`."""
+    """The source text of a value, `left` = `right`, shown next to generated code: `travel` = `w -
+    z`.
+    """
 
     left: str
     """A name, `der(x)` or `next(x)`."""
@@ -300,7 +313,9 @@ class Formula:
 
 
 class Measure(Enum):
-    """Reduces errors of a loss to a scalar: a mean over steps, initial points, window and dims."""
+    """The measure that a loss takes of its errors: a scalar, the mean over steps, rollouts, window
+    and dimensions.
+    """
 
     MSE = "mse"
     """Mean of (prediction − target)²."""
@@ -353,7 +368,7 @@ class Loss:
 
     def moved(self, copies: Mapping[NodeId, NodeId]) -> Loss:
         """The same loss for a copied graph; `copies` maps node ids of the old graph to those of the
-        new one.
+        new one. Raises KeyError if it lacks a node that the loss reads.
         """
         return replace(
             self,
@@ -364,14 +379,18 @@ class Loss:
 
     @property
     def entry(self) -> str:
-        """The name under `losses:`, or the name of the output for a default loss."""
+        """The name of the loss in the spec's `losses:`, or the name of the output for a default
+        loss.
+        """
         # names of losses have no dot: losses of sub-models are not part of the program (R11)
         return self.name.partition(".")[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """A named dimension of the spec with the labels of its elements; empty without labels."""
+    """A named dimension of the spec; `labels` are the names of its elements, empty
+    without names.
+    """
 
     name: str
     size: int
@@ -387,7 +406,7 @@ class UsedPlugin:
 
 
 def with_plugins(plugins: Sequence[UsedPlugin]) -> str:
-    """` with msnn-example 0.1.0`; empty without plug-ins."""
+    """A text for a line about versions, ` with msnn-example 0.1.0`; empty without plug-ins."""
     named = ", ".join(f"{plugin.package} {plugin.version}" for plugin in plugins)
     return f" with {named}" if named else ""
 
@@ -429,7 +448,9 @@ class Program:
 
     @property
     def made_by(self) -> str:
-        """The version of msnn, and of the plug-ins of the spec, for files made of the program."""
+        """The version of msnn and of the plug-ins that the spec uses, for the heads of generated
+        files.
+        """
         return f"msnn {__version__}{with_plugins(self.plugins)}"
 
     def signal(self, name: str) -> Signal:
@@ -445,5 +466,7 @@ class Program:
         return next(output for output in self.outputs if output.name == name)
 
     def expected_range(self, name: str) -> tuple[float, float] | None:
-        """The expected range of an equation or output; None without one."""
+        """The range (lowest, highest) that the spec expects of the equation or output `name`; None
+        without one.
+        """
         return next((entry.range for entry in self.expected if entry.name == name), None)

@@ -1,4 +1,6 @@
-"""Defines static types of values: axes, window, unit and kind, and their predicted signal."""
+"""The static types of values: named axes, the window, unit and kind; and `Prediction`, the signal
+that an output predicts.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ Kind = Literal["real", "bool"]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One dimension of a value: its name, by which operands are aligned, and its length."""
+    """One dimension of a value: its name, by which the axes of two operands are matched, and its
+    length.
+    """
 
     name: str
     size: int
@@ -61,17 +65,17 @@ class Type:
         return self.axis_names.index(name)
 
     def with_unit(self, unit: Unit | None) -> Type:
-        """The type with another unit."""
+        """The same type with another unit; None means an unknown one."""
         return Type(self.axes, unit, self.kind)
 
     def with_axes(self, axes: tuple[Axis, ...]) -> Type:
-        """The type with other axes."""
+        """The same unit and kind with other axes."""
         return Type(axes, self.unit, self.kind)
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """The sample `signal[t+ahead]` that an output predicts."""
+    """The sample that an output predicts: sample t+ahead of the signal."""
 
     signal: str
     ahead: int

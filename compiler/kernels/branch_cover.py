@@ -31,7 +31,8 @@ Array = NDArray[Any]
 
 @cache
 def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
-    """A small set of arguments that together reach all outcomes that any candidate reaches.
+    """A small set of arguments of the kernel `name` that together take both sides of its branches,
+    as far as any candidate does. Each element is one tuple of arguments.
 
     Candidates are at, below and above every constant of a comparison, across all exponents, and
     infinity and NaN.
@@ -55,7 +56,9 @@ _BESIDES = {"pow": ((-math.inf, 1.5),)}
 
 
 def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
-    """A boolean array (outcomes, points): True where a point reaches the outcome of a condition."""
+    """A boolean array (outcomes, points): True where a point of `points`, an array (points,
+    arguments), makes a condition true or false. Outcomes that no point reaches have no row.
+    """
     reached: dict[Outcome, NDArray[np.bool_]] = {}
 
     def note(outcome: Outcome, elements: NDArray[np.bool_]) -> None:
@@ -68,7 +71,9 @@ def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
 
 
 def _candidates(traced: Routine) -> Array:
-    """The candidate arguments; simple numbers come first, so that ties select them."""
+    """The candidate values for each argument, an array of the kernel's format. Simple numbers come
+    first, so that they are preferred among equally good ones.
+    """
     dtype = traced.format.dtype
     limits = np.finfo(dtype)
     compared = np.array(sorted(set(_compared(traced.body))), dtype)
@@ -89,7 +94,9 @@ def _candidates(traced: Routine) -> Array:
 
 
 def _compared(block: Block) -> Iterator[float]:
-    """The real constants in comparisons."""
+    """The real constants that occur in comparisons of the statements, also in called subroutines
+    and in branches.
+    """
     for statement in block.statements:
         match statement:
             case Assign(target, Binary() as operation) if target.kind is ValueKind.TRUTH:
