@@ -207,8 +207,8 @@ class Routine:
 def drop_unused(block: Block) -> Block:
     """The block without the statements on which none of its values depends.
 
-    Of a call with several results, unused ones remain if one is used. Example: `a = x + 1; b = x ·
-    2; values (b)` becomes `b = x · 2; values (b)`.
+    A call with several results keeps all of them if one is used. Example: `a = x + 1; b = x · 2;
+    values (b)` becomes `b = x · 2; values (b)`.
     """
     return _drop(block, set())
 
