@@ -1,4 +1,6 @@
-"""Layers: composite operations that expand into core operations, one file each."""
+"""The layers of the language, one file each: composite operations that expand into core
+operations.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ most specs have one kind or none."""
 
 @cache
 def rule_of(settings: type[Entry]) -> AnyRule:
-    """The rule of the layers with settings of this class."""
+    """The rule, an object with the functions that read and expand a layer, for layers whose
+    settings have this class. The file of the layer is imported first.
+    """
     for line in registry.LAYERS:
         if line.entry.kind is settings:
             return _rule_of_plugin(line)
@@ -47,7 +51,9 @@ def rule_of(settings: type[Entry]) -> AnyRule:
 
 
 def _rule_of_plugin(line: LayerLine) -> AnyRule:
-    """The rule of a plug-in's layer, whose mistakes are reported as the plug-in's."""
+    """The rule of a plug-in's layer. Its functions are wrapped, so that their mistakes are reported
+    as those of the plug-in.
+    """
     # specs without plug-ins do not need it
     from compiler.layers.rules.plugin_nodes import guarded_expansion
 

@@ -1,4 +1,6 @@
-"""`equation_learner`: a weighted sum of chosen functions of learned combinations of the inputs."""
+"""The layer `equation_learner`: a weighted sum of chosen functions of learned combinations of the
+inputs.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +23,14 @@ from spec_schema.sections.values import Function
 def equation_learner(
     context: LayerContext, settings: EquationLearner, arguments: Arguments
 ) -> NodeId:
-    """y = V [f₁(z₁), f₂(z₂, z₃), …] + c with z = W x + b: as many z as the functions take.
+    """y = V [f₁(z₁), f₂(z₂, z₃), …] + c with z = W x + b, where z has as many elements as the
+    functions f have arguments.
 
     x is as in `linear`. `functions` are functions of the language (`sin`, `tanh`, `max`, …) or of
     the spec, and `identity`, `neg`, `square`, `add`, `sub`, `mul`; each takes the next elements of
-    z. `out` is the axis of y; with `mix: false` the value is [f₁, f₂, …] itself. Arrays:
-    `weight_in`, `bias_in`, `weight_out`, `bias_out`; weights are initially uniform in ±1/n for n
-    summed elements, biases (off with `bias: false`) 0. (Martius and Lampert 2016.)
+    z. `out` is the axis of y; with `mix: false` the value is [f₁, f₂, …] itself. The arrays W, b,
+    V, c are called `weight_in`, `bias_in`, `weight_out`, `bias_out`. Weights are initially uniform
+    in ±1/n for n summed elements, biases (none with `bias: false`) 0. (Martius and Lampert 2016.)
     """
     (value,) = arguments
     builder = context.builder

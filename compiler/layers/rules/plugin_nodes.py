@@ -18,7 +18,9 @@ _NO_SOURCES = AxesOfSources(parameters={}, states={}, signals={})
 def guarded_expansion(
     part: PluginPart, expand: Callable[..., object], builder: GraphBuilder, place: Span
 ) -> NodeId:
-    """The node that a plug-in's function returns. Raises SpecError (E0230) for its mistakes."""
+    """The node that the function `expand` of a plug-in returns. Raises SpecError (E0230) at `place`
+    if it fails, returns no node or adds an illegal one.
+    """
     known = builder.size
 
     def fault(node: object) -> str | None:
@@ -31,7 +33,9 @@ def guarded_expansion(
 
 
 def fault_of_result(node: object, builder: GraphBuilder) -> str | None:
-    """The reason why a value is no node of the builder; None if it is one."""
+    """The reason why a result of a plug-in is no node of the builder, as the end of a sentence;
+    None if it is one.
+    """
     if not isinstance(node, int):
         return f"returned a {type(node).__name__}, not a node of the builder"
     if not 0 <= node < builder.size:
@@ -40,7 +44,9 @@ def fault_of_result(node: object, builder: GraphBuilder) -> str | None:
 
 
 def _fault_of_nodes(builder: GraphBuilder, known: int) -> str | None:
-    """The first rule that a node after the first `known` ones breaks; the verifier has them all."""
+    """The first rule that a node with an id from `known` on breaks, as the end of a sentence; None
+    if there is none. The verifier checks all rules later.
+    """
     for index in range(known, builder.size):
         node = builder.node(index)
         # other leaves read what the spec declares, which the verifier compares
