@@ -94,7 +94,9 @@ def triangular(sets: FuzzySets) -> NodeId:
 
 
 def _ramp(sets: FuzzySets, origin: NodeId, slope: NodeId, is_flat: Array) -> NodeId:
-    """The node of (x − origin) · slope for each set; constantly 1 for the sets where `is_flat`."""
+    """The node of (x − origin) · factor for each set, with the factor in the node `slope`;
+    constantly 1 for the sets where `is_flat`.
+    """
     builder = sets.builder
     distance = builder.subtract(sets.spread(), sets.spread(origin))
     scaled = builder.multiply(distance, sets.spread(slope))
