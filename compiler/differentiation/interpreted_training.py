@@ -169,8 +169,8 @@ _DTYPE: np.dtype[Any] = np.dtype(np.float64)
 
 @dataclass(frozen=True, slots=True)
 class InterpretedProducts:
-    """For one loss that is Σ r², the products [J r]ᵀ[J r] with J = ∂r/∂θ, shape (n + 1, n + 1) for
-    n learned elements, and the sum of its cost.
+    """The products [J r]ᵀ[J r] of one loss Σ r², with J = ∂r/∂θ, and the sum of its cost. The shape
+    is (n + 1, n + 1) for n learned elements.
     """
 
     products: Total

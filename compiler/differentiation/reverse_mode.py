@@ -1,9 +1,9 @@
 """Reverse-mode differentiation: adds nodes with the gradients of a scalar with respect to other
 nodes.
 
-For a scalar S with known adjoints ∂S/∂y, every node x on which a y depends has the adjoint x̄ = Σ
-ūᵀ ∂u/∂x over its uses u (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). The gradient
-consists of core operations, so that every backend can compute it.
+For a scalar S with known adjoints ∂S/∂y, a node x has the adjoint x̄ = Σ ūᵀ ∂u/∂x over its uses u
+(Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). The gradient consists of core operations,
+so that every backend can compute it.
 
 All backends share the conventions at kinks. abs, sign and relu have derivative 0 at 0. A tie of min
 or max goes to the first operand, and clamp has derivative 1 on its bounds. Fuzzy sets use the
