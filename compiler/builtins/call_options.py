@@ -31,8 +31,8 @@ def method_of(context: Context, call: Call, methods: tuple[str, ...]) -> str:
 
 
 def resolved(expression: Expression, environment: Environment) -> tuple[Expression, Environment]:
-    """If the expression is an argument of a function of the spec that is being inlined, the
-    expression in the call, and its environment at the same time; otherwise both unchanged.
+    """The expression of the call, and its environment at the same time, if `expression` is an
+    argument of a function of the spec that is being inlined. Otherwise both unchanged.
     """
     while isinstance(expression, Name) and expression.name in environment.arguments:
         argument = environment.arguments[expression.name]

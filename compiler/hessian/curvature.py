@@ -2,9 +2,9 @@
 multipliers λ.
 
 An operation y = φ(a, b, …) has the adjoint ȳ = ∂(λᵀf)/∂y. For directions i and j its contribution
-is Σ ȳ (φ_aa ȧᵢ ȧⱼ + φ_ab (ȧᵢ ḃⱼ + ḃᵢ ȧⱼ) + φ_bb ḃᵢ ḃⱼ) over its elements, with the second
-derivatives φ_aa, … and the tangents ȧᵢ, …. Linear operations contribute nothing. A product with a
-factor 0 is 0, even if another is infinite (`slope_product`).
+is Σ ȳ (φ_aa ȧᵢ ȧⱼ + φ_ab (ȧᵢ ḃⱼ + ḃᵢ ȧⱼ) + φ_bb ḃᵢ ḃⱼ) over its elements. φ_aa, … are second
+derivatives, ȧᵢ, … tangents. Linear operations contribute nothing. A product with a factor 0 is 0,
+even if another is infinite (`slope_product`).
 """
 
 from __future__ import annotations

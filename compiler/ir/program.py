@@ -287,8 +287,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The range of values that the spec expects of an equation or output. No node is computed only
-    for it.
+    """The range of values that the spec expects of an equation. No node is computed only for it.
 
     If the step computes several samples of an equation (`e`, `e[t-3]`), each node has its own
     entry.
@@ -466,7 +465,7 @@ class Program:
         return next(output for output in self.outputs if output.name == name)
 
     def expected_range(self, name: str) -> tuple[float, float] | None:
-        """The range (lowest, highest) that the spec expects of the equation or output `name`; None
-        without one.
+        """The range (lowest, highest) that the spec expects of the equation `name`; None without
+        one.
         """
         return next((entry.range for entry in self.expected if entry.name == name), None)

@@ -316,8 +316,8 @@ class Names(Protocol):
         ...
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node that `lower_it` returns. None if it raises LoweringFailed; then nothing is
-        reported and all that it changed is undone.
+        """The node that `lower_it` returns. None if it raises LoweringFailed; then its reports are
+        removed, and nothing counts as failed.
         """
         ...
 

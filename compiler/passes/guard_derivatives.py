@@ -279,8 +279,8 @@ class _Guard:
         return b.select(self._is_positive(above), positive, known)
 
     def _power(self) -> NodeId:
-        """The value of xʸ where the base x is 0: for y < 0 infinite, for y = 0 1, decreasing with
-        y; for 0 < y < 1 0 with derivative `STEEP`, for y = 1 the base, above 0.
+        """The value of xʸ where the base x is 0: ∞ for y < 0; 1 for y = 0, with a steep derivative
+        by y; 0 with the derivative `STEEP` for 0 < y < 1; x itself for y = 1; 0 above.
         """
         b, (base, exponent) = self._b, self._args
         zero, one = self._number(0.0), self._number(1.0)

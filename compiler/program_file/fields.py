@@ -51,7 +51,8 @@ class Malformed(Exception):  # noqa: N818  (carried to the reader's edge, where 
 
 class PlainRecord:
     """Reads a JSON object and checks that all its keys are read; `place` is its path in the file.
-    Each method raises Malformed for a missing key or a value of the wrong kind.
+    The methods that return a value raise Malformed if the key is missing or its value of the wrong
+    kind.
     """
 
     def __init__(self, data: Any, place: str) -> None:
@@ -68,7 +69,7 @@ class PlainRecord:
                 raise Malformed(f"{self.place} has the unknown key {key[:40]!r}")
 
     def has(self, key: str) -> bool:
-        """True if the key exists with a value other than null."""
+        """True if the key exists with a value other than null; the key counts as read."""
         self._read.add(key)
         return self._data.get(key) is not None
 
