@@ -17,7 +17,10 @@ _ROUNDED = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class StartBlocks:
-    """The blocks of estimated initial states in the products of one loss; each run has its own."""
+    """The parts of the products of one loss that belong to estimated initial states, separately for
+    each run. J is the Jacobian of the residuals r in the learned parameters, K that in the run's
+    own initial state.
+    """
 
     cross: FloatArray
     """JᵀK of each run, K the Jacobian in its initial state: (runs, learned, elements of a
@@ -35,8 +38,9 @@ class StartBlocks:
         )
 
     def scaled(self, share: float, learned: FloatArray) -> StartBlocks:
-        """These blocks times `share`, for other learned variables with the derivatives
-        `learned`.
+        """The blocks of the loss times `share`, after a change of variables of the learned
+        parameters. `learned` are the derivatives of the old variables with respect to the new ones,
+        one per parameter element.
         """
         # only the learned parameters change variables, not the initial states
         cross = share * self.cross * learned[None, :, None]
@@ -45,7 +49,9 @@ class StartBlocks:
 
 @dataclass(frozen=True, slots=True)
 class Products:
-    """Products of the residuals r of one loss and their Jacobian J in the learned parameters."""
+    """Products of the residuals r of one loss and their Jacobian J with respect to the learned
+    parameters, summed over rollouts.
+    """
 
     curvature: FloatArray
     """JᵀJ."""
@@ -64,7 +70,9 @@ class Products:
 
     @property
     def is_left_out(self) -> bool:
-        """True if all scored elements are excluded; sums of row factors have rounding errors."""
+        """True if all scored elements are excluded from the products, within rounding of the sums
+        of row factors.
+        """
         return self.left_out >= (1.0 - _ROUNDED) * self.count
 
     def __add__(self, other: Products) -> Products:
@@ -83,7 +91,9 @@ class Products:
 
 @dataclass(frozen=True, slots=True)
 class ProductsOfRuns:
-    """The products of one loss if each run has its own unknowns in addition to the shared ones."""
+    """The products of one loss if each run has unknowns of its own, such as its initial state,
+    besides the shared parameters.
+    """
 
     all: Products
     """The products of the shared parameters, summed over the runs, with the blocks of each run."""
@@ -96,12 +106,12 @@ class ProductsOfRuns:
 
     @property
     def blocks(self) -> StartBlocks:
-        """The blocks of the unknowns of each run."""
+        """The parts that belong to the own unknowns of each run."""
         assert self.all.starts is not None, "each run has numbers"
         return self.all.starts
 
     def in_order(self, order: NDArray[np.int64]) -> ProductsOfRuns:
-        """The runs in the given order."""
+        """The same products with the runs in another order: run k is the run `order[k]`."""
         one = self.blocks
         blocks = StartBlocks(one.cross[order], one.curvature[order], one.slope[order])
         every = (self.squares[order], self.cost[order], self.count[order])
@@ -109,7 +119,9 @@ class ProductsOfRuns:
 
 
 def joined_runs(runs: Sequence[Products], own: int) -> ProductsOfRuns:
-    """Combines products of single runs; the last `own` parameters of each are its own."""
+    """Combines the products of single runs, whose last `own` parameters are unknowns of each run
+    itself; all others are shared and summed.
+    """
     n = len(runs[0].slope) - own
     blocks = StartBlocks(
         np.array([one.curvature[:n, n:] for one in runs]),
@@ -126,7 +138,7 @@ def joined_runs(runs: Sequence[Products], own: int) -> ProductsOfRuns:
 
 
 def one_after_the_other(parts: Sequence[ProductsOfRuns]) -> ProductsOfRuns:
-    """Concatenates the runs of all parts."""
+    """The products of all runs of all parts, with the shared ones summed."""
     shared = [replace(part.all, starts=None) for part in parts]
     blocks = [part.blocks for part in parts]
     starts = StartBlocks(

@@ -1,7 +1,8 @@
 """Proximal steps for priors and penalties, separate from the gradients of the losses.
 
-The terms are priors ŝ²/n · ((p − mean)/std)² of the physical value p, magnitudes λ · |raw| and
-norms of slices λ · √Σ raw². A gradient step of length ηᵢ on the losses ends at r̂; then follows
+The terms are priors ŝ²/n · ((p − mean)/std)² of the physical value p, magnitudes λ · |r| and norms
+of slices λ · √Σ r² of the raw variables r. ŝ² is the estimated variance of the n residuals, λ the
+weight of a penalty. A gradient step of length ηᵢ on the losses ends at r̂; then follows
 
     argmin over r of Σ (rᵢ − r̂ᵢ)²/(2ηᵢ) + the terms at r,
 
@@ -36,7 +37,9 @@ LEAST_STD = 1e-100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownTerms:
-    """The priors and penalties of the elements of some parameters, concatenated."""
+    """The priors and penalties of the elements of some parameters, one after the other. `mean` and
+    `std` are those of the priors of physical values; λ is the weight of a penalty on raw values.
+    """
 
     parameters: tuple[Parameter, ...]
     mean: FloatArray
@@ -55,7 +58,7 @@ class KnownTerms:
 
     @property
     def has_corners(self) -> bool:
-        """True if some terms are not differentiable at 0."""
+        """True if there are penalties, which have no derivative at 0."""
         return bool(self.magnitude.any() or self.norms.any())
 
     @property
@@ -69,7 +72,10 @@ def known_terms(
     weights: Mapping[str, float],
     trained: Collection[str],
 ) -> KnownTerms:
-    """The terms of the trained parameters; penalties come from losses, with their weights."""
+    """The priors of the parameters in `trained`, and the penalties on them. Penalties come from
+    `losses`, with the weight of the loss in `weights`. Other parameters have elements without
+    terms. Raises KeyError for a loss without weight.
+    """
     sizes = [int(np.prod([axis.size for axis in p.axes])) for p in parameters]
     ends = np.cumsum([0, *sizes])
     mean, std, magnitude = (np.zeros(int(ends[-1])) for _ in range(3))
@@ -105,9 +111,9 @@ def known_terms(
 
 
 def approached(terms: KnownTerms, raw: FloatArray, steps: FloatArray, spread: float) -> FloatArray:
-    """The raw variables after the proximal step; `spread` is ŝ²/n.
-
-    `steps` are the lengths η, 0 for fixed elements.
+    """The raw variables after the proximal step of the module's docstring. `raw` is r̂, and `steps`
+    are the lengths η, 0 for fixed elements; both have one element per parameter element. `spread`
+    is ŝ²/n: estimated variance of residuals divided by their number.
     """
     raw, steps = raw.copy(), steps.copy()
     if spread > 0:
@@ -116,7 +122,9 @@ def approached(terms: KnownTerms, raw: FloatArray, steps: FloatArray, spread: fl
 
 
 def _to_priors(terms: KnownTerms, raw: FloatArray, steps: FloatArray, spread: float) -> None:
-    """One Gauss-Newton step, which is exact if the value is linear in raw."""
+    """Moves the raw variables towards the priors by one Gauss-Newton step, in place. It is exact if
+    the physical value is linear in the raw one. Also shortens `steps` for the step that follows.
+    """
     known = (terms.std > 0) & (steps > 0)
     value, slope, bounded = of_raw(terms.parameters, raw)
     variance = terms.std[known] ** 2
@@ -142,10 +150,9 @@ def _to_corners(terms: KnownTerms, raw: FloatArray, steps: FloatArray) -> FloatA
 
 
 def _shrunk(values: FloatArray, reach: FloatArray) -> FloatArray:
-    """z with z(1 + reach/‖z‖) = values; 0 if there is none.
-
-    r = ‖z‖ is the root of Σ (values/(r + reach))² = 1. The inverse square root of the left side is
-    concave, so Newton's method converges from below.
+    """The proximal step of a norm: z with z(1 + reach/‖z‖) = values, or 0 if there is none. `reach`
+    is step length times λ. r = ‖z‖ is the root of Σ (values/(r + reach))² = 1. The inverse square
+    root of the left side is concave, so Newton's method converges from below.
     """
     if np.sum((values / reach) ** 2) <= 1.0:
         return np.zeros_like(values)
@@ -164,14 +171,16 @@ def _shrunk(values: FloatArray, reach: FloatArray) -> FloatArray:
 
 
 def corners(terms: KnownTerms, raw: FloatArray) -> float:
-    """Σ λ · |raw| + Σ λ · ‖slice of raw‖: the penalties that are not differentiable at 0."""
+    """The value of all penalties at these raw variables, Σ λ · |raw| + Σ λ · ‖slice of raw‖. They
+    have no derivative at 0.
+    """
     norms = [np.sqrt(np.sum(raw[numbers] ** 2)) for numbers in terms.slices]
     return float(terms.magnitude @ np.abs(raw)) + float(terms.norms @ np.array(norms))
 
 
 def deviations(terms: KnownTerms, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(p − mean)/std of every element, 0 without a prior, and its derivative with respect to
-    raw.
+    """(p − mean)/std for the physical value p of every element, 0 without a prior, and its
+    derivative with respect to the raw variable.
     """
     value, slope, _ = of_raw(terms.parameters, raw)
     known = terms.std > 0
@@ -185,8 +194,8 @@ def deviations(terms: KnownTerms, raw: FloatArray) -> tuple[FloatArray, FloatArr
 def of_raw(
     parameters: Sequence[Parameter], raw: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Physical values, their derivatives with respect to the raw variables, and a mask of
-    bounded ones.
+    """For raw variables, one after the other in the order of `parameters`: their physical values,
+    the derivatives of these, and a mask that is True for elements with a bound.
     """
     sizes = [int(np.prod([axis.size for axis in p.axes])) for p in parameters]
     parts = np.split(raw, np.cumsum(sizes)[:-1])
@@ -200,7 +209,9 @@ def of_raw(
 
 
 def in_corners(terms: KnownTerms, values: FloatArray) -> NDArray[np.bool_]:
-    """A mask of the elements of `values` that a penalty keeps at exactly 0."""
+    """A mask: True for elements of `values` that are exactly 0 and have a penalty, which keeps them
+    there.
+    """
     held = terms.magnitude > 0
     for numbers in terms.slices:
         held[numbers] = True

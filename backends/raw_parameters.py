@@ -28,7 +28,9 @@ _STRAIGHT = 40.0
 
 
 class Mapping(IntEnum):
-    """The formula of a parameter; the numbers are those of the training kernels."""
+    """The formula from raw to physical values, by the bounds of a parameter; the numbers are those
+    in training kernels.
+    """
 
     LINEAR = 0
     BETWEEN = 1
@@ -37,7 +39,7 @@ class Mapping(IntEnum):
 
 
 def mapping_of(parameter: Parameter) -> Mapping:
-    """The formula for the parameter's bounds."""
+    """The formula from raw to physical values that the parameter's bounds require."""
     match parameter.minimum is not None, parameter.maximum is not None:
         case True, True:
             return Mapping.BETWEEN
@@ -50,7 +52,9 @@ def mapping_of(parameter: Parameter) -> Mapping:
 
 
 def raw_value(parameter: Parameter, physical: FloatArray) -> tuple[FloatArray, bool]:
-    """The raw variable of a physical value, and True if it had to be moved off a bound."""
+    """The raw variable of a physical value, in the same shape, and True if an element was so close
+    to a bound that it had to be moved off it.
+    """
     inside = _inside(parameter, physical)
     moved = bool(np.any(inside != physical))
     match parameter.minimum, parameter.maximum:
@@ -67,12 +71,16 @@ def raw_value(parameter: Parameter, physical: FloatArray) -> tuple[FloatArray, b
 
 
 def is_off_bounds(parameter: Parameter, physical: FloatArray) -> NDArray[np.bool_]:
-    """True for elements that are not moved off a bound; training starts at exactly these values."""
+    """A mask: True for elements of a physical value that are not moved off a bound, so that
+    training starts at exactly this value.
+    """
     return _inside(parameter, physical) == physical
 
 
 def physical_value(parameter: Parameter, raw: FloatArray) -> FloatArray:
-    """The physical value of a raw variable."""
+    """The physical value of a raw variable, in the same shape, by the parameter's bounds and
+    scale.
+    """
     match parameter.minimum, parameter.maximum:
         case None, None:
             return raw * parameter.scale
@@ -88,7 +96,7 @@ def physical_value(parameter: Parameter, raw: FloatArray) -> FloatArray:
 
 
 def physical_slope(parameter: Parameter, raw: FloatArray) -> FloatArray:
-    """Derivative ∂(physical value)/∂(raw variable)."""
+    """The derivative ∂(physical value)/∂(raw variable) at a raw variable, in the same shape."""
     match parameter.minimum, parameter.maximum:
         case None, None:
             return np.full_like(raw, parameter.scale)
@@ -136,7 +144,9 @@ def _sigmoid(raw: FloatArray) -> FloatArray:
 
 
 def _kernel(name: str, value: FloatArray) -> FloatArray:
-    """The msnn kernel, since numpy's functions have other bits on other processors."""
+    """A scalar function by the project's own math kernel, element by element, since numpy's
+    functions have other bits on other processors.
+    """
     value = np.asarray(value, np.float64)
     if value.size == 1:  # initial values, which every training stage requests again
         return np.full(value.shape, _of_number(name, value.tobytes()))
@@ -145,5 +155,7 @@ def _kernel(name: str, value: FloatArray) -> FloatArray:
 
 @lru_cache(1024)
 def _of_number(name: str, bits: bytes) -> float:
-    """The function of a scalar, cached by its bits, since 0.0 == -0.0."""
+    """A scalar function of one float64, given as its eight bytes, so that the cache tells 0.0 from
+    -0.0.
+    """
     return float(evaluate(name, np.frombuffer(bits))[0])

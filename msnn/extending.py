@@ -6,18 +6,21 @@ docs/extending.md shows how to write, install and test a plug-in.
 from __future__ import annotations
 
 from compiler.elaboration.section import CompiledSection, CompileOther, Section, SectionProblem
-from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
-from compiler.ir.program import NodeId, Program
+from compiler.ir.program import Program
 from compiler.ir.types import Axis
-from compiler.layers.rules.arguments import (
+from compiler.layers.rules.plugin_layers import PluginArguments as Arguments
+from compiler.layers.rules.plugin_layers import PluginContext as LayerContext
+from compiler.layers.rules.plugin_layers import PluginRule as LayerRule
+from compiler.layers.rules.plugin_layers import (
     read_elements,
     read_scalars,
     read_value,
     read_values,
     read_window,
 )
-from compiler.layers.rules.layer_rule import Arguments, LayerContext, LayerRule
+from compiler.layers.rules.plugin_nodes import PluginBuilder as GraphBuilder
+from compiler.layers.rules.plugin_nodes import PluginNode as NodeId
 from compiler.linking.link import Linked
 from msnn.cli.console import json_result, note, report, result
 from msnn.cli.exit_codes import ExitCode

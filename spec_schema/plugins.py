@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, redirect_stdout
 from dataclasses import field
 from threading import RLock
 from types import FunctionType
@@ -17,7 +18,12 @@ from typing import TYPE_CHECKING, Any, cast
 from spec_schema import registry
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors.plugins import faulty_plugin, left_out, what_was_raised
+from spec_schema.errors.plugins import (
+    faulty_plugin,
+    keep_traceback,
+    left_out,
+    what_was_raised,
+)
 from spec_schema.fields.entry import Entry, LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
 from spec_schema.names import is_name
@@ -27,6 +33,8 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 GROUP = "msnn.features"
+UNKNOWN_VERSION = "of unknown version"
+"""The version of a plug-in whose package has no metadata."""
 _ALL = "all"
 """The word of `msnn export --to` for every target of msnn."""
 _OF_THE_LANGUAGE = LateObject("compiler.ir.scalars", "OF_THE_LANGUAGE")
@@ -61,6 +69,10 @@ class Plugins:
     warnings: tuple[Diagnostic, ...] = ()
     failed: Mapping[str, str] = field(default_factory=dict[str, str])
     """Packages whose plug-in is left out, each with the reason."""
+    refused: Mapping[tuple[str, str], tuple[Diagnostic, ...]] = field(
+        default_factory=dict[tuple[str, str], tuple[Diagnostic, ...]]
+    )
+    """Warnings about names that are left out, by kind and name."""
 
 
 class _Search:
@@ -152,9 +164,15 @@ class PluginPart:
 
         def call(*arguments: Any) -> Any:
             try:
-                value = function(*arguments)
+                with prints_to_stderr():
+                    value = function(*arguments)
                 reason = fault(value, *arguments)
-            except (SpecError, MemoryError, *self.passing):
+            except SpecError as error:
+                reason = fault_of_refusal(error)
+                if reason is None:
+                    raise
+                raise self.fault(reason, place(*arguments)) from error
+            except (MemoryError, *self.passing):
                 raise
             # a plug-in may fail in any way
             except (Exception, SystemExit) as error:
@@ -165,6 +183,19 @@ class PluginPart:
             return value
 
         return call
+
+
+def prints_to_stderr() -> AbstractContextManager[object]:
+    """Moves what a plug-in prints to standard error: standard output is for results."""
+    return redirect_stdout(sys.stderr)
+
+
+def fault_of_refusal(refusal: SpecError) -> str | None:
+    """The reason why a SpecError of a plug-in says nothing to the user; None if it does."""
+    if any(found.severity == "error" for found in refusal.diagnostics):
+        return None
+    keep_traceback(refusal)
+    return "raised a SpecError without an error: write `SpecError([error(...)])`"
 
 
 def is_a(kind: type) -> Callable[..., str | None]:
@@ -187,22 +218,29 @@ def _looked_up() -> Plugins:
     found: list[Plugin] = []
     warnings: list[Diagnostic] = []
     failed: dict[str, str] = {}
+    refused: dict[tuple[str, str], tuple[Diagnostic, ...]] = {}
     for point in points:
         package = _package(point)
         try:
-            feature = point.load()
+            with prints_to_stderr():
+                feature = point.load()
             if not isinstance(feature, Feature):
                 raise TypeError(f"`{point.value}` is no `msnn.extending.Feature`")
-            _import_all(feature)
+            _check_kinds(feature)
         # a plug-in may fail in any way, and must not keep others from work
         except (Exception, SystemExit) as error:  # noqa: BLE001
-            repair = f"install a version of {package} that fits this msnn, or remove it"
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            warnings.append(left_out(package, f"the plug-in `{point.name}`", reason, repair))
-            failed[package] = reason
+            warnings.append(_broken(package, f"the plug-in `{point.name}`", error))
+            failed[package] = _reason(error)
             continue
+        # a module that fails takes only its own names along
+        faults = {id(line): error for line in _all_lines(feature) if (error := _fault(line))}
         keys: set[tuple[str, str]] = set()
+        own: list[tuple[str, str, Diagnostic]] = []
         for kind, lines, line in _lines(feature):
+            if id(line) in faults:
+                fault = _broken(package, f"the {kind} `{line.key}`", faults[id(line)])
+                own.append((kind, line.key, fault))
+                continue
             reason = _why_not(kind, line.key, package, keys, found)
             if reason is None and not lines.is_free(line.key):
                 reason = f"msnn has a {kind} or a word of its own with this name"
@@ -211,8 +249,12 @@ def _looked_up() -> Plugins:
                 _SEARCH.added.append((lines, line))
                 keys.add((kind, line.key))
             else:
-                warnings.append(_without(package, kind, line.key, reason))
+                own.append((kind, line.key, _without(package, kind, line.key, reason)))
         for kind, key, line in _named(feature):
+            if id(line) in faults:
+                fault = _broken(package, f"the {kind} `{key}`", faults[id(line)])
+                own.append((kind, key, fault))
+                continue
             names, ours, taken = _NAMES[kind]
             reason = _why_not(kind, key, package, keys, found)
             if reason is None and key in ours.value:
@@ -221,12 +263,18 @@ def _looked_up() -> Plugins:
                 names[key] = line
                 keys.add((kind, key))
             else:
-                warnings.append(_without(package, kind, key, reason))
-        version = "" if point.dist is None else point.dist.version
+                own.append((kind, key, _without(package, kind, key, reason)))
+        for kind, key, warning in own:
+            warnings.append(warning)
+            refused[kind, key] = (*refused.get((kind, key), ()), warning)
+        if faults and not keys:
+            failed[package] = _reason(next(iter(faults.values())))
+            continue
+        version = _metadata(point, "Version") or UNKNOWN_VERSION
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
-    return Plugins(tuple(found), tuple(warnings), failed)
+    return Plugins(tuple(found), tuple(warnings), failed, refused)
 
 
 def _why_not(
@@ -250,8 +298,30 @@ def _without(package: str, kind: str, key: str, reason: str) -> Diagnostic:
     return left_out(package, f"the {kind} `{key}`", reason, f"rename the {kind} in {package}")
 
 
+def _broken(package: str, part: str, error: BaseException) -> Diagnostic:
+    repair = f"install a version of {package} that fits this msnn, or remove it"
+    return left_out(package, part, _reason(error), repair)
+
+
+def _reason(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
 def _package(point: EntryPoint) -> str:
-    return point.module.partition(".")[0] if point.dist is None else point.dist.name
+    return _metadata(point, "Name") or point.module.partition(".")[0]
+
+
+def _metadata(point: EntryPoint, key: str) -> str | None:
+    """A value of the package's metadata; None if an incomplete installation does not have it."""
+    if point.dist is None:
+        return None
+    try:
+        found = point.dist.metadata
+        # a subscript of a missing key is deprecated, and `get` is not in the protocol
+        return next(iter(found.get_all(key) or ()), None)
+    # Python 3.15 raises an exception of its own for a missing file, older versions do not
+    except Exception:  # noqa: BLE001
+        return None
 
 
 _NAMES: dict[str, tuple[dict[str, Any], LateObject, str]] = {
@@ -292,37 +362,68 @@ _KINDS = {
 """The class of the lines in each field of a record."""
 
 
-def _import_all(feature: Feature) -> None:
-    """Imports the objects of all lines, so that a failure is reported before a spec is read.
-
-    Raises TypeError for a line of another kind, an entry that is no `Entry`, and a target of
-    another name than its line. A verb must be a function or a `typer.Typer`.
-    """
+def _check_kinds(feature: Feature) -> None:
+    """Raises TypeError for a line of another kind."""
     for name, kind in _KINDS.items():
         lines: object = getattr(feature, name)
         if not isinstance(lines, tuple) or not all(
             isinstance(line, kind) for line in cast("tuple[object, ...]", lines)
         ):
             raise TypeError(f"`{name}` of its record is no tuple of {kind.__name__}")
-    named = [each for line in feature.sections for each in (line.entry, line.section)]
-    named += [each for line in feature.targets for each in (line.entry, line.target)]
-    named += [line.expand for line in feature.functions]
-    named += [line.read for line in feature.formats]
-    named += [each for line in feature.layers for each in (line.entry, line.rule)]
-    for each in named:
-        is_entry = isinstance(each.value, type) and issubclass(each.value, Entry)
-        if isinstance(each, LateEntry) and not is_entry:
-            raise TypeError(f"`{each.module}:{each.name}` is no class with the base Entry")
-        if isinstance(each, LateEntry):
-            # a field whose type is no field type fails here, not at the first spec that has it
-            each.kind.model_rebuild(force=True)
-    for line in feature.targets:
-        if line.target.value.name != line.key:
-            raise TypeError(f"the target of the line `{line.key}` has another name")
-    for line in feature.verbs:
-        command = line.command.value
-        # before typer is imported there is no object of it
-        typer = sys.modules.get("typer")
-        is_app = typer is not None and isinstance(command, typer.Typer)
-        if not isinstance(command, FunctionType) and not is_app:
-            raise TypeError(f"the verb of the line `{line.key}` is no function and no typer.Typer")
+
+
+def _all_lines(feature: Feature) -> Iterator[object]:
+    for name in _KINDS:
+        yield from getattr(feature, name)
+
+
+def _fault(line: object) -> BaseException | None:
+    """Imports the objects of a line before a spec is read; returns the exception of a failure."""
+    try:
+        with prints_to_stderr():
+            _import(line)
+    except (Exception, SystemExit) as error:  # noqa: BLE001
+        return error
+    return None
+
+
+def _import(line: object) -> None:
+    """Imports the objects of a line.
+
+    Raises TypeError for an entry that is no `Entry`, and a target of another name than its line. A
+    verb must be a function or a `typer.Typer`.
+    """
+    match line:
+        case registry.SectionLine():
+            _import_entry(line.entry)
+            line.section.value  # noqa: B018
+        case registry.TargetLine():
+            _import_entry(line.entry)
+            if line.target.value.name != line.key:
+                raise TypeError(f"the target of the line `{line.key}` has another name")
+        case registry.LayerLine():
+            _import_entry(line.entry)
+            line.rule.value  # noqa: B018
+        case registry.FunctionLine():
+            line.expand.value  # noqa: B018
+        case registry.FormatLine():
+            line.read.value  # noqa: B018
+        case registry.VerbLine():
+            command = line.command.value
+            # before typer is imported there is no object of it
+            typer = sys.modules.get("typer")
+            is_app = typer is not None and isinstance(command, typer.Typer)
+            if not isinstance(command, FunctionType) and not is_app:
+                raise TypeError(
+                    f"the verb of the line `{line.key}` is no function and no typer.Typer"
+                )
+        case _:
+            raise AssertionError(line)
+
+
+def _import_entry(entry: LateEntry) -> None:
+    found: object = entry.value
+    if not (isinstance(found, type) and issubclass(found, Entry)):
+        raise TypeError(f"`{entry.module}:{entry.name}` is no class with the base Entry")
+    # a field whose type is no field type fails here, not at the first spec that has it
+    found.model_rebuild(force=True)

@@ -15,7 +15,9 @@ _BLOCKS = ("CHARACTERISTIC", "MEASUREMENT", "AXIS_PTS", "MEMORY_SEGMENT")
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """The symbol of an object: variable name with member, and address."""
+    """An object in the linked program: the name of its variable, for a member with it after a dot
+    (`veh_params_default.gain`), and its address.
+    """
 
     name: str
     address: int
@@ -34,7 +36,9 @@ class _Token:
 
 
 def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
-    """The text with byte order, and with addresses and symbols of the objects that `find` knows."""
+    """The text of an ASAP2 file with addresses and symbol names of those objects for which `find`
+    gives a symbol, and with the byte order of the processor (`big_endian`). All other text stays.
+    """
     changes: list[tuple[_Token, str]] = []
     tokens = list(_tokens(text))
     order = "MSB_FIRST" if big_endian else "MSB_LAST"
@@ -58,14 +62,16 @@ def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
 
 
 def linked(text: str) -> list[str]:
-    """The symbol names of all `SYMBOL_LINK` entries."""
+    """The names in all `SYMBOL_LINK` entries of an ASAP2 file, in their order."""
     tokens = [token.text for token in _tokens(text)]
     pairs = pairwise(tokens)
     return [after[1:-1] for before, after in pairs if before == "SYMBOL_LINK"]
 
 
 def epk(text: str) -> str | None:
-    """The EPK text, by which a tool checks that an image belongs to the file; None without one."""
+    """The EPK of an ASAP2 file, a text by which a tool checks that the program in a device belongs
+    to the file; None if there is none.
+    """
     pairs = pairwise(token.text for token in _tokens(text))
     return next((after[1:-1] for before, after in pairs if before == "EPK"), None)
 
@@ -78,7 +84,9 @@ def _tokens(text: str) -> Iterator[_Token]:
 
 
 def _objects(tokens: list[_Token]) -> Iterator[list[_Token]]:
-    """The tokens of each object, from its keyword up to `/end`."""
+    """The tokens of each object that has an address, from its keyword (such as CHARACTERISTIC) up
+    to `/end`.
+    """
     begin: int | None = None
     # /end stands before the keyword of what it ends
     for index, token in enumerate(tokens[:-1]):
@@ -91,7 +99,7 @@ def _objects(tokens: list[_Token]) -> Iterator[list[_Token]]:
 
 
 def _address(block: list[_Token]) -> _Token | None:
-    """The token with the address of an object; None if it has none."""
+    """The token with the address of an object, given by its tokens; None if it has none."""
     position = {"CHARACTERISTIC": 4, "AXIS_PTS": 3, "MEMORY_SEGMENT": 6}.get(block[0].text)
     if position is None:
         return _behind(block, "ECU_ADDRESS")

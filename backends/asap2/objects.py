@@ -22,7 +22,9 @@ Storage: TypeAlias = Literal["FLOAT32_IEEE", "FLOAT64_IEEE", "SWORD", "SLONG", "
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The scaling of stored values: physical = factor · stored; None stores physical values."""
+    """The scaling of stored values: physical = factor · stored. If `factor` is None, stored values
+    are physical.
+    """
 
     unit: str
     """Empty if the spec has no unit."""
@@ -31,7 +33,9 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class Knots:
-    """The points along one axis of a curve or a map, which are constants in the code."""
+    """The points along one axis of a curve or a map (lookup table), which are constants in the
+    code. `unit` is that of the points, empty if unknown.
+    """
 
     values: tuple[float, ...]
     unit: str
@@ -41,7 +45,9 @@ class Knots:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MemoryObject:
-    """A member of a struct: a parameter or a measurement."""
+    """A member of a C struct that a calibration tool can read or set: a parameter or a measurement.
+    `doc` is its documentation in the spec.
+    """
 
     name: str
     """The name in the spec."""
@@ -69,7 +75,7 @@ class MemoryObject:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A separate memory range, which one C variable fills."""
+    """A memory range of its own for one C variable; `size` is in bytes."""
 
     type: str
     """The C type of the variable."""
@@ -99,7 +105,7 @@ class CalibratedModel:
 
 
 def grids(program: Program) -> dict[str, Knots]:
-    """The points of each lookup axis, such as the knots of a table, by the name of the axis.
+    """The points of each axis of lookup tables in the step, by name of axis.
 
     A lookup is found by its operation: the step subtracts an ascending list of constants from a
     value, or compares the value with the list. The list has one axis, which the value lacks. An
@@ -129,7 +135,10 @@ def grids(program: Program) -> dict[str, Knots]:
 
 
 def knots_of(parameter: Parameter, grids: dict[str, Knots]) -> tuple[Knots, ...]:
-    """The axis points of a curve or map with one or two axes; empty unless all axes have points."""
+    """For a curve or a map, a parameter with one or two axes longer than 1: the points of each of
+    these axes from `grids`. Empty for other parameters, and unless all axes have points in the
+    right number.
+    """
     # an axis of one element, as that of a layer's only argument, moves nothing in memory
     axes = [axis for axis in parameter.axes if axis.size > 1]
     if not 1 <= len(axes) <= 2 or any(axis.name not in grids for axis in axes):
@@ -145,7 +154,9 @@ def _ascends(values: tuple[float, ...]) -> bool:
 
 
 def _looked_up(graph: Graph, node: NodeId) -> str | None:
-    """The scalar input or state that a value copies, ignoring shape and name; None for others."""
+    """The name of the scalar input or state that a node copies, through broadcasts and reshapes;
+    None if the node computes something else.
+    """
     while isinstance(graph[node].op, ops.Broadcast | ops.Reshape | ops.Identity):
         (node,) = graph[node].args
     if graph[node].type.size != 1:
@@ -158,7 +169,9 @@ def _looked_up(graph: Graph, node: NodeId) -> str | None:
 
 
 def _names_downstream(graph: Graph, first: NodeId, name: str) -> set[str]:
-    """All names that an axis has in values computed along it; unnamed axes are ignored."""
+    """The names that the axis `name` of the node `first` has in this node and in all nodes computed
+    from it along the axis. Axes without a name are left out.
+    """
     along: dict[NodeId, str] = {first: name}
     for index, node in graph:
         if index in along:
@@ -171,7 +184,9 @@ def _names_downstream(graph: Graph, first: NodeId, name: str) -> set[str]:
 
 
 def _renamed(name: str, before: Type, node: Node) -> str | None:
-    """The name of the axis in a result; None if the result lacks the axis."""
+    """The name that the axis `name` of an operand of type `before` has in the result of the node;
+    None if the result lacks the axis.
+    """
     if isinstance(node.op, ops.Reshape):
         if before.shape != node.type.shape:
             return None

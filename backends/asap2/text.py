@@ -40,9 +40,9 @@ _LAYOUTS: dict[_Order, str] = {"ROW_DIR": "rows", "COLUMN_DIR": "columns"}
 
 
 def a2l_text(model: CalibratedModel) -> str:
-    """The text of the file; the same model gives the same bytes, in plain ASCII.
-
-    `SYMBOL_LINK` names type and member; the variable is later taken from an ELF file.
+    """The text of an ASAP2 file (A2L) for a model, in plain ASCII; the same model gives the same
+    text. All addresses are 0: `SYMBOL_LINK` names type and member, and the variable is later taken
+    from an ELF file.
     """
     names = _names(model)
     scales = list(dict.fromkeys(_scales(model)))
@@ -85,7 +85,9 @@ def a2l_text(model: CalibratedModel) -> str:
 
 
 def _segment(segment: Segment | None) -> list[str]:
-    """The memory segment, named like the type of its variable, by which its address is found."""
+    """The lines of a memory segment, none for None. The segment has the name of its variable's
+    type, by which its address is found later.
+    """
     if segment is None:
         return []
     about = quoted(f"section {segment.section}")
@@ -97,12 +99,12 @@ def _segment(segment: Segment | None) -> list[str]:
 
 
 def quoted(text: str) -> str:
-    """The text as one ASAP2 string."""
+    """The text as an ASAP2 string in quotes: one line of printable ASCII."""
     return '"' + _plain(text).replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def _plain(text: str) -> str:
-    """One line of printable ASCII."""
+    """The text as one line of printable ASCII."""
     line = " ".join(ascii_text(text).split())
     # ASAP2 is a format of bytes: only ASCII is the same to all tools
     return "".join(character if character.isprintable() else " " for character in line)
@@ -113,7 +115,9 @@ def _number(value: float) -> str:
 
 
 def _names(model: CalibratedModel) -> dict[tuple[Struct, str], str]:
-    """Names `prefix.name` by struct and member; they differ from keywords and from other models."""
+    """The ASAP2 name of each object, `prefix.name`, by struct and member. The prefix keeps them
+    different from keywords and from names of other models; equal ones get `_` appended.
+    """
     found: dict[tuple[Struct, str], str] = {}
     taken = {f"{model.prefix}.CM{number}" for number in range(1, len(model.objects) + 1)}
     # dots are allowed between identifiers; anything else in a name is written as C has it
@@ -139,8 +143,7 @@ def _scales(model: CalibratedModel) -> Iterable[Scale]:
 
 
 def _order(entry: MemoryObject) -> _Order:
-    """The storage order: by columns for curves and maps, by rows for other arrays.
-
+    """The order of an array in memory: by columns for curves and maps, by rows for other arrays.
     The first axis of a map is x, and C stores the values of each x together. In other arrays x is
     the last axis, along which adjacent elements lie.
     """
@@ -173,7 +176,9 @@ def _limits(entry: MemoryObject) -> str:
 
 
 def _dims(entry: MemoryObject) -> str:
-    """Three lengths, x first; arrays with more than three axes become one long axis."""
+    """The line with the lengths of up to three axes, x (the last axis in C) first. An array with
+    more than three axes has one axis of all elements.
+    """
     # ASAP2 counts x first, and x runs fastest: C has the last axis so
     shape = entry.shape[::-1] if len(entry.shape) <= 3 else (entry.size,)
     return "MATRIX_DIM " + " ".join(str(size) for size in (*shape, 1, 1)[:3])

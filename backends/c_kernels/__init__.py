@@ -1,1 +1,1 @@
-"""Lowers the traced math kernels to the C tree, and writes the two files that an export has."""
+"""Translates math kernels to C, and writes them as a header and a source file."""

@@ -29,7 +29,9 @@ _TRUTH = "truth_word"
 
 
 class ConstantTimeLowering(RoutineLowering):
-    """Lowers a routine without branches; `choices` collects the functions that it calls."""
+    """Translates a traced math kernel to C without branches. `choices` collects the names of the
+    functions that it calls for selections and comparisons.
+    """
 
     def type(self, kind: ValueKind) -> c.CType:
         # converting to a C `bool` is a comparison, which a compiler may branch on
@@ -59,7 +61,9 @@ class ConstantTimeLowering(RoutineLowering):
 
 
 def choice_functions(names: set[str], printer: Printer) -> list[c.Function]:
-    """Definitions of the named functions, in a fixed order."""
+    """C definitions of those functions for selections and comparisons that are in `names`, in a
+    fixed order.
+    """
     types = {"real": c.CType.REAL, "word": c.CType.UNSIGNED, "wide": c.CType.WIDE}
     truth = [_truth(printer)] if _TRUTH in names else []
     return truth + [

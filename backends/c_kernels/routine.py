@@ -1,8 +1,8 @@
-"""Lowers a traced routine to a C function; values with several uses get a name.
+"""Translates one math kernel, recorded as a routine, to a C function.
 
-A value with one use is written at its use. The text satisfies strict warnings and MISRA checkers:
-one declaration and one statement per line, no nested ?:, no implicit conversions, casts of plain
-variables only, unsigned literals with U, complete else branches, one exit.
+A value with one use is written at its use; others are named. The text satisfies strict warnings and
+MISRA checkers: one declaration and one statement per line, no nested ?:, no implicit conversions,
+casts of plain variables only, unsigned literals with U, complete else branches, one exit.
 """
 
 from __future__ import annotations
@@ -49,9 +49,8 @@ _TYPES = {
 
 
 class RoutineLowering:
-    """Lowers one routine for one printer.
-
-    After `function`, `needs_math` is True if it calls <math.h>, and `choices` has the functions of
+    """Translates one routine, a traced math kernel, to C for one printer. After `function`,
+    `needs_math` is True if the C calls <math.h>, and `choices` has the names of the functions of
     `constant_time` that it calls.
     """
 
@@ -71,7 +70,9 @@ class RoutineLowering:
         self._tables: dict[str, c.ConstantTable] = {}
 
     def function(self, *, public: bool = False) -> c.Function:
-        """The definition; static unless `public`."""
+        """The C function; several results are returned through pointers. It is static unless
+        `public`.
+        """
         routine, type = self.routine, self.printer.type
         body, values = self.block(routine.body)
         kinds = [self.type(value.kind) for value in routine.body.values]
@@ -96,7 +97,9 @@ class RoutineLowering:
         )
 
     def block(self, block: Block) -> tuple[list[c.Statement], list[c.Expression]]:
-        """The statements of a block, and its values after them."""
+        """The C statements of a block, and the expressions of its values, which are valid after
+        them.
+        """
         body = [made for statement in block.statements for made in self._statement(statement)]
         return body, [self.operand(value) for value in block.values]
 
@@ -119,7 +122,9 @@ class RoutineLowering:
         return [self._declared(target, value)]
 
     def inlines(self, target: Local, operation: Operation, value: c.Expression) -> bool:
-        """True if the value is written at its use."""
+        """True if the expression `value` of `target` is written where it is used, without a
+        variable.
+        """
         # named values stay visible; a value used twice would be computed twice
         if target.hint or self.uses[target] != 1:
             return False
@@ -149,7 +154,9 @@ class RoutineLowering:
         return f"{self.printer.prefix}_{routine.name}"
 
     def branch(self, branch: Branch) -> list[c.Statement]:
-        """Uninitialised variables, and the blocks that assign them."""
+        """C statements of a branch: declarations of its results, and an `if` whose blocks assign
+        them.
+        """
         declared = [c.Declare(self.type(x.kind), self.name(x)) for x in branch.targets]
         return [*declared, self._choice(branch)]
 
@@ -159,7 +166,9 @@ class RoutineLowering:
         return c.If(condition, then, self._arm(branch.otherwise, branch.targets))
 
     def _arm(self, block: Block, targets: tuple[Local, ...]) -> tuple[c.Statement, ...]:
-        """A block of a branch; a branch at its end assigns the outer variables directly."""
+        """The C statements of one block of a branch, which assign its values to `targets`. A branch
+        at the end of the block assigns them directly.
+        """
         last = block.statements[-1] if block.statements else None
         if isinstance(last, Branch) and last.targets == block.values:
             body, _ = self.block(Block(block.statements[:-1], ()))
@@ -172,7 +181,7 @@ class RoutineLowering:
         return (*body, *(c.Assign(name, x) for name, x in zip(names, values, strict=True)))
 
     def name(self, local: Local) -> str:
-        """The name of a variable."""
+        """The name of a variable in C: its hint, or `t1`, `t2`, …, unique in the function."""
         if local.index not in self._names:
             base, number = local.hint or "t", 1
             name = local.hint or "t1"
@@ -184,11 +193,13 @@ class RoutineLowering:
         return self._names[local.index]
 
     def type(self, kind: ValueKind) -> c.CType:
-        """The type of a value of that kind."""
+        """The C type of values of that kind."""
         return _TYPES[kind]
 
     def operand(self, operand: Operand) -> c.Expression:
-        """The operand as an expression."""
+        """The C expression of an operand: a variable, an expression written at its use, or a
+        literal.
+        """
         match operand:
             case Local(index):
                 return self._inlined.get(index) or c.Name(self.name(operand))
@@ -240,7 +251,7 @@ class RoutineLowering:
         return c.Unary("!", condition)
 
     def library(self, function: str, operand: c.Expression) -> c.Expression:
-        """A function of <math.h>."""
+        """A call of a function of <math.h> in the type of the kernel, such as `sqrtf`."""
         self.needs_math = True
         name = {"abs": "fabs"}.get(function, function)
         return c.Call(f"{name}{suffix(self.printer.dtype)}", (operand,))
@@ -263,7 +274,9 @@ class RoutineLowering:
     def select(
         self, kind: ValueKind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
     ) -> c.Expression:
-        """One of two values of that kind; both are computed."""
+        """The C expression with one of two values of that kind, chosen by the condition; both are
+        computed.
+        """
         return c.Conditional(condition, then, otherwise)
 
     def _look_up(self, table: Table, index: c.Expression) -> c.Expression:
@@ -273,12 +286,14 @@ class RoutineLowering:
         return self.entry(made, index)
 
     def entry(self, table: c.ConstantTable, index: c.Expression) -> c.Expression:
-        """An entry of a table."""
+        """The C expression of the table entry with this index."""
         return c.Element(c.Name(table.name), index)
 
 
 def operands(block: traced.Block) -> Iterator[traced.Operand]:
-    """Every use of an operand in a block and its inner blocks."""
+    """Each operand in a block and its inner blocks, as often as it is used; the values of a block
+    are uses too.
+    """
     # results are uses too: otherwise the last statement would look unused
     yield from block.values
     for statement in block.statements:
@@ -296,7 +311,9 @@ def operands(block: traced.Block) -> Iterator[traced.Operand]:
 
 
 def branch_values(block: traced.Block) -> Iterator[traced.Operand]:
-    """The results of branch arms, which are assigned as a whole."""
+    """The values that blocks of branches assign to the results of the branch, also in inner
+    blocks.
+    """
     for statement in block.statements:
         if isinstance(statement, traced.Branch):
             for arm in (statement.then, statement.otherwise):
@@ -305,7 +322,9 @@ def branch_values(block: traced.Block) -> Iterator[traced.Operand]:
 
 
 def plain_operands(block: traced.Block) -> Iterator[traced.Operand]:
-    """The operands of casts and selections, which must be plain or negated variables."""
+    """The operands of casts and selections, also in inner blocks. In C they must be variables or
+    negated variables, not larger expressions.
+    """
     for statement in block.statements:
         match statement:
             case traced.Assign(_, traced.Convert(operand)):

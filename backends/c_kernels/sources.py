@@ -18,10 +18,9 @@ from compiler.kernels.trace.values import trace
 
 @dataclass(frozen=True, slots=True)
 class CKernels:
-    """Two C files and their functions (kernel name → C name).
-
-    Exact bits require IEEE 754 arithmetic without contraction: compile with -ffp-contract=off and
-    never with -ffast-math.
+    """Header and source of some math kernels. `functions` maps names of kernels to their names in
+    C. Exact bits require IEEE 754 arithmetic without contraction: compile with -ffp-contract=off
+    and never with -ffast-math.
     """
 
     header_name: str
@@ -34,11 +33,10 @@ class CKernels:
 def c_sources(
     names: Iterable[str], real: RealName, prefix: str, *, constant_time: bool = False
 ) -> CKernels:
-    """The named kernels as functions `<prefix>_<name>`; kernels that they call are static
-    functions.
-
-    With `constant_time` they execute the same operations for every argument. The text does not
-    depend on the order of `names`. Raises KeyError for a name not in `KERNELS`.
+    """Header and source with the kernels `names` as functions `<prefix>_<name>` of type `real`;
+    kernels that they call are static functions. With `constant_time` they execute the same
+    operations for every argument. The text does not depend on the order of `names`. Raises KeyError
+    for a name not in `KERNELS`.
     """
     # sorted, so that the text does not depend on the order in the graph
     functions = {name: f"{prefix}_{name}" for name in sorted(set(names))}
@@ -63,8 +61,10 @@ def c_sources(
 
 
 def c_definitions(names: Iterable[str], real: RealName, prefix: str) -> str:
-    """The kernels named as static functions `<prefix>_<name>`, callees first, for a source that
-    includes float.h, math.h, stdbool.h and stdint.h."""
+    """C text with the kernels `names` and those that they call as static functions
+    `<prefix>_<name>` of type `real`, callees first. The file around it must include float.h,
+    math.h, stdbool.h and stdint.h. Raises KeyError for a name not in `KERNELS`.
+    """
     printer = KernelPrinter(prefix, dtype_of(FORMATS[real]))
     routines = callees_first(names, FORMATS[real])
     made = (RoutineLowering(routine, printer).function() for routine in routines)
@@ -72,7 +72,9 @@ def c_definitions(names: Iterable[str], real: RealName, prefix: str) -> str:
 
 
 def callees_first(names: Iterable[str], format: Format) -> list[Routine]:
-    """The routines of the named kernels and their callees, callees first."""
+    """The traced kernels with these names and all that they call, each once and after those that it
+    calls. Raises KeyError for a name not in `KERNELS`.
+    """
     ordered: dict[str, Routine] = {}
 
     def visit(routine: Routine) -> None:
@@ -163,7 +165,9 @@ _ENVIRONMENT = """\
 
 
 class KernelPrinter(Printer):
-    """The printer of a file that does not include the program's header."""
+    """Prints math kernels for a file that does not include the program's header: reals are `float`
+    or `double`, and long numbers are hexadecimal.
+    """
 
     exact = True
 
@@ -178,5 +182,5 @@ class KernelPrinter(Printer):
 
 
 def dtype_of(format: Format) -> Dtype:
-    """The dtype of a format, for printers."""
+    """The dtype of a floating-point format of kernels."""
     return "float32" if format.c_type == "float" else "float64"

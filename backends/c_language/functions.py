@@ -25,7 +25,9 @@ _EXACT = {"sqrt": "sqrt", "abs": "fabs"}
 
 @dataclass(frozen=True, slots=True)
 class FunctionNames:
-    """The names of functions in this program."""
+    """The rules for names of C functions in one program: prefix, real type, source of math
+    functions (`own` kernels or `libm`), and whether code takes constant time.
+    """
 
     prefix: str
     dtype: Dtype
@@ -33,7 +35,9 @@ class FunctionNames:
     constant_time: bool = False
 
     def kernel(self, function: str) -> str | None:
-        """The msnn kernel of a scalar function; None if a library function is used."""
+        """The name of the math kernel for a scalar function of the language, without prefix; None
+        if a C library function is called. Raises KeyError for an unknown function.
+        """
         # functions that libm lacks, such as softplus, use their kernel even with `math: libm`
         row = SCALAR_FUNCTIONS[function]
         if row.kernel is None or (self.math == "libm" and function in _IN_LIBM):
@@ -41,12 +45,14 @@ class FunctionNames:
         return row.kernel
 
     def library(self, function: str) -> str:
-        """The name in the C library, for the program's type."""
+        """The name of a function in the C library for the program's type: `sinf`, `fabs`."""
         return _EXACT.get(function, function) + suffix(self.dtype)
 
 
 class FunctionTable:
-    """Creates calls and records the called functions."""
+    """Writes calls of functions, and records in `kernels` and `helpers` the names of those that the
+    generated files must define.
+    """
 
     def __init__(self, names: FunctionNames) -> None:
         self._names = names
@@ -55,21 +61,23 @@ class FunctionTable:
 
     @property
     def prefix(self) -> str:
-        """Prefix of the names of its functions."""
+        """The prefix of all C names of the program."""
         return self._names.prefix
 
     @property
     def constant_time(self) -> bool:
-        """True if the same instructions are executed for all values."""
+        """True if the code must execute the same instructions for all values."""
         return self._names.constant_time
 
     @property
     def dtype(self) -> Dtype:
-        """Number format of the program."""
+        """The number format of the program's reals, float32 or float64."""
         return self._names.dtype
 
     def apply(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
-        """A call of a scalar function of the language."""
+        """A C call of a scalar function of the language, such as `tanh`: a math kernel, a C library
+        function or a helper.
+        """
         # neither an IEEE operation nor a kernel: exact by comparisons
         if function == "sign":
             return self.helper("sign", arguments)
@@ -82,29 +90,35 @@ class FunctionTable:
         return Call(f"{self._names.prefix}_{kernel}", arguments)
 
     def library(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
-        """A call of a C library function."""
+        """A call of a C library function; `function` is its name without the suffix of the type."""
         return Call(self._names.library(function), arguments)
 
     def truth(self, condition: Expression) -> Expression:
-        """The result of a comparison."""
+        """The condition as it is. In constant time it is passed through a function that stops
+        compilers from branching on it.
+        """
         return self.helper("truth", (condition,)) if self.constant_time else condition
 
     def select(
         self, kind: Kind, condition: Expression, then: Expression, otherwise: Expression
     ) -> Expression:
-        """One of two values; both are computed."""
+        """A C expression with one of two values of this kind (real or bool), chosen by a condition.
+        In constant time both are computed, without a branch.
+        """
         if not self.constant_time:
             return Conditional(condition, then, otherwise)
         name = "select" if kind == "real" else "select_truth"
         return self.helper(name, (condition, then, otherwise))
 
     def helper(self, name: str, arguments: tuple[Expression, ...]) -> Expression:
-        """A call of a helper function, which the generated file defines."""
+        """A call of a helper function (a name in HELPERS), which the generated file then
+        defines.
+        """
         self.helpers.add(name)
         return Call(f"{self._names.prefix}_{name}", arguments)
 
     def definitions(self) -> tuple[Function, ...]:
-        """The called helpers, callees first."""
+        """Definitions of the helpers that were called; a helper comes after those that it calls."""
         made: list[Function] = []
         # backwards: a helper may call others, which come before it in the table
         for name, make in reversed(tuple(HELPERS.items())):
@@ -114,7 +128,9 @@ class FunctionTable:
 
 
 class Calls(Protocol):
-    """Creates the calls inside helpers; a called helper is defined as well."""
+    """The part of `FunctionTable` that definitions of helpers use: it writes the calls in them, and
+    records the called helpers.
+    """
 
     @property
     def prefix(self) -> str: ...
@@ -131,12 +147,16 @@ class Calls(Protocol):
 
 
 def is_nan(x: c.Name) -> c.Expression:
-    """True for NaN only, since every number is ≤ +∞; `x != x` would cause compiler warnings."""
+    """A C condition that is true for NaN only, since every number is ≤ +∞; `x != x` would cause
+    compiler warnings.
+    """
     return c.Unary("!", c.Binary("<=", x, c.Real(math.inf)))
 
 
 def one_if(condition: c.Expression) -> c.Expression:
-    """1 or 0 without `&&` and `if`, which skip instructions."""
+    """The C expression `condition ? 1U : 0U`, to combine conditions by arithmetic; `&&` and `if`
+    would skip instructions.
+    """
     return c.Conditional(condition, c.Unsigned(1), c.Unsigned(0))
 
 
@@ -204,7 +224,9 @@ def _outside(calls: Calls) -> c.Function:
 
 
 def _choice(name: str, first: str, second: str, doc: str) -> Callable[[Calls], c.Function]:
-    """Selects a or b by the relations `first` and `second` of a to b."""
+    """Makes the helper `name` of two reals: a if `a first b`, b if `a second b`, otherwise NaN.
+    `first` and `second` are comparison operators; `doc` is the comment in C.
+    """
 
     def make(calls: Calls) -> c.Function:
         a, b = c.Name("a"), c.Name("b")
@@ -283,7 +305,9 @@ def scalar_operation(
     functions: FunctionTable,
     kind: Kind = "real",
 ) -> c.Expression:
-    """One element of the operation's value; `kind` is the type of a selected value."""
+    """The C expression of one element of the result of the operation `op`, from one element of each
+    operand. `kind` (real or bool) is the type of the result of a selection.
+    """
     match op:
         case ops.Add():
             return c.Binary("+", *operands)
@@ -314,7 +338,9 @@ def scalar_operation(
 
 
 def expression_size(expression: c.Expression) -> int:
-    """Number of operations and calls in an expression; indexing does not count."""
+    """The number of operations and calls in an expression; variables, literals and array elements
+    count 0.
+    """
     match expression:
         case (
             c.Name() | c.Real() | c.Integer() | c.Unsigned() | c.Truth() | c.Member() | c.Element()

@@ -12,7 +12,9 @@ Dtype = Literal["float32", "float64"]
 
 
 def real_literal(value: float, dtype: Dtype) -> str:
-    """The shortest decimal literal that gives `value` rounded to dtype: `0.1f`, `-2.0`."""
+    """The shortest decimal C literal that gives `value` rounded to dtype: `0.1f`, `-2.0`. NaN and
+    infinities are the macros of math.h, also for a value beyond the range of dtype.
+    """
     rounded = _rounded(value, dtype)
     special = _special(float(rounded), dtype)
     if special:
@@ -24,12 +26,16 @@ def real_literal(value: float, dtype: Dtype) -> str:
 
 
 def hex_literal(value: float, dtype: Dtype) -> str:
-    """The bits of `value` rounded to dtype as a hexadecimal literal: `0x1.99999ap-4f`."""
+    """`value` rounded to dtype as a hexadecimal C literal, which shows its exact bits:
+    `0x1.99999ap-4f`.
+    """
     return hex_literals((value,), dtype)[0]
 
 
 def hex_literals(values: Sequence[float], dtype: Dtype) -> list[str]:
-    """Literals of many numbers, rounded together for speed: golden vectors have thousands."""
+    """Each of the values, rounded to dtype, as a hexadecimal C literal that shows its exact bits.
+    Faster than one by one, since golden vectors have thousands.
+    """
     with np.errstate(over="ignore"):
         rounded = np.array(values, dtype=np.float64).astype(dtype).astype(np.float64).tolist()
     end = suffix(dtype)
@@ -37,7 +43,9 @@ def hex_literals(values: Sequence[float], dtype: Dtype) -> list[str]:
 
 
 def exact_literal(value: float, dtype: Dtype) -> str:
-    """The exact value of a number of type dtype: short ones in decimal, others in hexadecimal."""
+    """A C literal of a number that is exact in dtype: in decimal if short, otherwise in
+    hexadecimal.
+    """
     # multiples of 1/64 below 1000 have at most six decimals, all of them exact
     if abs(value) < 1000 and value == int(value * 64) / 64:
         return f"{value!r}{suffix(dtype)}"
@@ -45,7 +53,9 @@ def exact_literal(value: float, dtype: Dtype) -> str:
 
 
 def suffix(dtype: Dtype) -> str:
-    """The suffix of literals and C library functions for that type."""
+    """The suffix of C literals and math functions for that type: `f` for float32, none for
+    float64.
+    """
     return "f" if dtype == "float32" else ""
 
 

@@ -1,4 +1,6 @@
-"""Names the source of scalar functions in generated code."""
+"""Defines the option for math functions in generated code: own kernels or the target's C
+library.
+"""
 
 from __future__ import annotations
 

@@ -11,7 +11,9 @@ from backends.c_language.tree import Binary, Element, Expression, Name, Real, Tr
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """constant + Σ coefficient · variable; variables are loop counters and heads of rings."""
+    """An integer C expression: constant + Σ coefficient · variable. `terms` are (variable,
+    coefficient); variables are loop counters and heads (write positions) of rings.
+    """
 
     constant: int = 0
     terms: tuple[tuple[str, int], ...] = ()
@@ -48,10 +50,9 @@ def variable(name: str) -> Index:
 
 @dataclass(frozen=True, slots=True)
 class ArrayView:
-    """A value in flat storage: element [i…] has the index offset + Σ strides·i.
-
-    The storage is an array expression, a scalar expression (`scalar`), or known values, which
-    become literals for a constant index.
+    """A value of this shape in C memory: the element with indices i has the position offset + Σ
+    strides·i in the storage. The storage is the expression of an array, a scalar expression
+    (`scalar`), or known values, of which an element with a constant index becomes a literal.
     """
 
     storage: Expression | tuple[float, ...]
@@ -69,7 +70,9 @@ class ArrayView:
         shape: tuple[int, ...],
         table: Callable[[], Expression] | None = None,
     ) -> ArrayView:
-        """Storage in C order with exactly this value."""
+        """A view of all of `storage`, an array in C order of this shape. For known values, `table`
+        declares an array when a loop reads them.
+        """
         return ArrayView(storage, shape, c_strides(shape), table=table)
 
     @staticmethod
@@ -80,12 +83,12 @@ class ArrayView:
         return replace(self, boolean=boolean)
 
     def reshaped_single(self, shape: tuple[int, ...]) -> ArrayView:
-        """A scalar expression, repeated to a shape."""
+        """A view of a scalar expression as a value of this shape, with equal elements."""
         assert self.scalar
         return self._bare(shape)
 
     def element(self, indices: Sequence[Index]) -> Expression:
-        """The expression of one element."""
+        """The C expression of the element with these indices, one per axis."""
         if self.scalar:
             assert not isinstance(self.storage, tuple)
             return self.storage
@@ -106,7 +109,9 @@ class ArrayView:
         return result
 
     def repeated(self, shape: tuple[int, ...], kept: Sequence[int | None]) -> ArrayView:
-        """Axes in a new order; `kept[i]` is the old axis at position i, None to repeat along i."""
+        """A view of shape `shape` with axes in a new order: axis i is the old axis `kept[i]`, or
+        for None the same elements are repeated along it.
+        """
         # a stride of 0 repeats the same element
         strides = tuple(0 if axis is None else self.strides[axis] for axis in kept)
         if self.scalar:
@@ -122,7 +127,9 @@ class ArrayView:
         )
 
     def reshaped(self, shape: tuple[int, ...]) -> ArrayView | None:
-        """The same elements in another shape; None if that needs a copy."""
+        """A view of the same elements in C order with another shape; None if strides cannot express
+        it, so that a copy is needed.
+        """
         if self.scalar:
             return self._bare(shape)
         strides = _reshaped_strides(self.shape, self.strides, shape)
@@ -145,7 +152,9 @@ def c_strides(shape: tuple[int, ...]) -> tuple[int, ...]:
 def _reshaped_strides(
     shape: tuple[int, ...], strides: tuple[int, ...], new: tuple[int, ...]
 ) -> tuple[int, ...] | None:
-    """Strides of the new shape if its axes split or join contiguous axes; otherwise None."""
+    """The strides of an array with these strides after a reshape from `shape` to `new`. None if
+    axes would be joined that are not contiguous in memory.
+    """
     # the stride of an axis with one element is never used
     old_axes = [(n, s) for n, s in zip(shape, strides, strict=True) if n != 1]
     new_sizes = [n for n in new if n != 1]

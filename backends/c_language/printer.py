@@ -15,8 +15,9 @@ _INDENT = "    "
 
 @dataclass(frozen=True, slots=True)
 class Printer:
-    """Prints for one program: its types are `<prefix>_real` and `<prefix>_status_t`, in fixed point
-    `<prefix>_word_t` and `<prefix>_sum_t`."""
+    """Prints the C tree for one program. Names of types begin with the prefix: `<prefix>_real` and
+    `<prefix>_status_t`, in fixed point `<prefix>_word_t` and `<prefix>_sum_t`.
+    """
 
     prefix: str
     dtype: Dtype = "float32"
@@ -46,7 +47,7 @@ class Printer:
                 assert_never(type)
 
     def function(self, function: c.Function) -> str:
-        """The definition, preceded by its doc comment."""
+        """The definition of a function as text, after its comment; long lines are wrapped."""
         doc = f"{comment(function.doc)}\n" if function.doc else ""
         head = self.prototype(function)
         # wrapped last, when the indent is known
@@ -55,7 +56,9 @@ class Printer:
         return f"{doc}{head}\n{{\n{body}\n}}\n"
 
     def prototype(self, function: c.Function) -> str:
-        """The head of the function without semicolon, wrapped if it is long."""
+        """Return type, name and arguments of a function as text without semicolon, wrapped if
+        long.
+        """
         storage = f"{'static ' if function.static else ''}{'inline ' if function.inline else ''}"
         head = f"{storage}{function.result} {function.name}("
         arguments = [_argument(argument) for argument in function.arguments] or ["void"]
@@ -98,11 +101,11 @@ class Printer:
                 assert_never(expression)
 
     def number(self, value: float) -> str:
-        """The literal of a real."""
+        """The literal of a real number in the program's type."""
         return (exact_literal if self.exact else real_literal)(value, self.dtype)
 
     def operand(self, expression: c.Expression) -> str:
-        """The expression as an operand, in parentheses if needed."""
+        """The text of an expression as an operand of another one, in parentheses if needed."""
         text = self.expression(expression)
         match expression:
             case c.Unary() | c.Binary() | c.Conditional() | c.Convert():
@@ -114,7 +117,7 @@ class Printer:
                 return text
 
     def table(self, table: c.ConstantTable) -> str:
-        """The definition of a constant array, several values per line."""
+        """The definition of a constant array as text, several values per line."""
         if table.type is c.CType.REAL:
             numbers = (
                 hex_literals(table.values, self.dtype)
@@ -130,7 +133,9 @@ class Printer:
         return f"{head} = {self.braced(numbers)};"
 
     def braced(self, numbers: Iterable[str], indent: str = "") -> str:
-        """The numbers in braces, as many per line as fit; the closing brace has the indent."""
+        """The texts of numbers in braces, as many per line as fit. Lines have an indent of `indent`
+        and one more step, the closing brace only `indent`.
+        """
         lines: list[str] = []
         current = begin = f"{indent}{_INDENT}"
         for number in numbers:
@@ -147,7 +152,7 @@ class Printer:
                 yield f"{_INDENT * depth}{line}"
 
     def statement(self, statement: c.Statement) -> Iterable[str]:
-        """The lines of a statement."""
+        """The lines of a statement, without the indent of its block."""
         match statement:
             case c.Declare(type, name, value, size, elements, constant, volatile, static):
                 words = "static " if static else ""
@@ -207,9 +212,8 @@ def _wide_literal(value: int) -> str:
 
 
 def placement(prefix: str) -> str:
-    """The macro of constants: with `<PREFIX>_IN_FLASH`, gcc for AVR reads them from flash.
-
-    AVR has a named address space for flash; elsewhere the macro is empty.
+    """C lines that define the macro `<PREFIX>_PLACED` for constant arrays. If `<PREFIX>_IN_FLASH`
+    is defined, it is `__flash`, with which gcc for AVR keeps them in flash; otherwise it is empty.
     """
     macro = prefix.upper()
     return (

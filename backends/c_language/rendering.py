@@ -11,7 +11,9 @@ from backends.ports.identifiers import ascii_text
 
 
 class Generated(Protocol):
-    """The facts that every file of an export needs: model name and prefix."""
+    """Facts that every file of an export shows: name of the model, prefix of C names, and if
+    functions have a pointer to parameters.
+    """
 
     @property
     def model(self) -> str:
@@ -29,7 +31,7 @@ class Generated(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class GeneratedNames:
-    """The names of an export whose functions have no parameters pointer."""
+    """Name and prefix of an export whose C functions have no pointer to parameters."""
 
     model: str
     prefix: str
@@ -41,7 +43,9 @@ _WITHOUT_CALIBRATION = {"calibrates": False}
 
 
 def render(template: str, interface: Generated, title: str, folder: str = "c", **facts: Any) -> str:
-    """Renders a template of a folder of `templates`, with the common names."""
+    """Renders `templates/<folder>/<template>` with names that all files need, and with `facts`.
+    `title` is the file's purpose, for the comment at its top. Long lines of C files are wrapped.
+    """
     prefix = interface.prefix
     banner = comment(f"{title} of the model `{interface.model}`. Made by msnn; do not edit.")
     common = {
@@ -61,7 +65,9 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
 
 
 def _fitted(line: str) -> list[str]:
-    """Wraps a line that is too long; preprocessor directives cannot be wrapped."""
+    """The line split into lines that are not too long; a preprocessor directive stays whole, as it
+    ends with its line.
+    """
     # a directive ends with its line
     return [line] if line.startswith("#") else wrapped(line)
 
@@ -82,13 +88,15 @@ def comment_text(text: str) -> str:
 
 
 def string_literal(text: str) -> str:
-    """A C string literal of the text, in printable ASCII."""
+    """A C string literal of the text in quotes. Characters other than printable ASCII are replaced,
+    and spaces and line ends become single spaces.
+    """
     escaped = _printable(text).replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?")
     return f'"{escaped}"'
 
 
 def string_size(text: str) -> int:
-    """Size of that literal in bytes, with its terminating zero."""
+    """The size in bytes of `string_literal(text)` in memory, with the zero at its end."""
     return len(_printable(text)) + 1
 
 
@@ -104,7 +112,9 @@ _SHORTEST = 30
 
 
 def comment(text: str, indent: str = "") -> str:
-    """A block comment of one or more lines; any text is safe."""
+    """A C comment with the text, wrapped to lines of 100 columns that begin with `indent`. No text
+    can end the comment early.
+    """
     width = WIDTH - len(indent) - len("/*  */")
     # no break at hyphens, which occur in file names and as minus
     lines = textwrap.wrap(comment_text(text), width, break_on_hyphens=False) or [""]
@@ -112,9 +122,8 @@ def comment(text: str, indent: str = "") -> str:
 
 
 def wrapped(line: str) -> list[str]:
-    """Splits the line into parts of at most WIDTH characters, where spaces allow it.
-
-    It breaks at the last place with the fewest open parentheses.
+    """Splits a line of C into lines of at most WIDTH characters, where spaces allow it. It breaks
+    at the last place with the fewest open parentheses.
     """
     body = line.lstrip(" ")
     indent = line[: len(line) - len(body)]
@@ -132,7 +141,9 @@ def wrapped(line: str) -> list[str]:
 
 
 def _break(line: str, start: int) -> int | None:
-    """Position of the space to break at, never inside a string; None if there is none."""
+    """The position of the space at which to break the line, searched from `start` to WIDTH and
+    never inside a string; None if there is none.
+    """
     best: tuple[int, int] | None = None
     depth = 0
     quoted = False
@@ -154,7 +165,7 @@ def _break(line: str, start: int) -> int | None:
 
 
 def _may_break(line: str, position: int) -> bool:
-    """At a space before an operator or after a comma."""
+    """True for a space after a comma or before an operator."""
     if line[position] != " ":
         return False
     operator = line[position + 1 :].split(" ", 1)[0]

@@ -15,10 +15,9 @@ from typing import Any, cast
 
 
 class CType(Enum):
-    """Type of a scalar or of array elements.
-
-    REAL is the program's real type; in fixed point WORD, SUM and BITS (unsigned, of the size of a
-    sum) are its types.
+    """The type of a scalar or of array elements. REAL is the program's real type, STATUS that of
+    status bits, WIDE has 64 bits. In fixed point WORD is the type of values, SUM that of sums, and
+    BITS is unsigned with the size of a sum.
     """
 
     REAL = "real"
@@ -36,7 +35,7 @@ class CType(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """A variable, parameter or macro."""
+    """A variable, argument or macro, by its name."""
 
     text: str
 
@@ -50,14 +49,14 @@ class Real:
 
 @dataclass(frozen=True, slots=True)
 class Integer:
-    """A literal of the type of sums in fixed point."""
+    """A literal in fixed-point code, of the type of sums."""
 
     value: int
 
 
 @dataclass(frozen=True, slots=True)
 class Unsigned:
-    """A literal like `5U`, or `5ULL` where it is wide."""
+    """An unsigned literal like `5U`, or `5ULL` if it is wide (64 bits)."""
 
     value: int
     wide: bool = False
@@ -72,7 +71,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """`pointer->field`, or `value.field` of a struct."""
+    """`base->field`, or `base.field` if `base` is not a pointer."""
 
     base: str
     field: str
@@ -115,7 +114,7 @@ class Conditional:
 
 @dataclass(frozen=True, slots=True)
 class Convert:
-    """`(type)x` of a variable, an element, a literal or the result of a call."""
+    """`(type)operand`, a cast."""
 
     type: CType
     operand: Expression
@@ -150,7 +149,9 @@ Expression = (
 
 @dataclass(frozen=True, slots=True)
 class Declare:
-    """A local scalar (`size` None) with its value, or an array, optionally with its elements."""
+    """The declaration of a local variable: a scalar (`size` None) with its initial value, or an
+    array of `size` elements, optionally with their values.
+    """
 
     type: CType
     name: str
@@ -164,7 +165,7 @@ class Declare:
 
 @dataclass(frozen=True, slots=True)
 class ConstantTable:
-    """A constant array of numbers, local to its function."""
+    """A constant array, local to its function, with elements of `type`."""
 
     name: str
     values: tuple[float, ...]
@@ -191,14 +192,14 @@ class SetBits:
 
 @dataclass(frozen=True, slots=True)
 class Evaluate:
-    """An expression whose value is not used."""
+    """A statement that evaluates an expression, such as a call without result."""
 
     value: Expression
 
 
 @dataclass(frozen=True, slots=True)
 class Discard:
-    """`(void)name;` for an unused parameter."""
+    """`(void)name;`, which prevents the warning of an unused argument."""
 
     name: str
 
@@ -216,7 +217,9 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class If:
-    """A choice between blocks; a lone `If` as the other block is printed as `else if`."""
+    """`if (condition) {then} else {otherwise}`; a single `If` as `otherwise` is printed as `else
+    if`.
+    """
 
     condition: Expression
     then: tuple[Statement, ...]
@@ -232,7 +235,7 @@ class Return:
 
 @dataclass(frozen=True, slots=True)
 class Comment:
-    """One comment line; any text is safe."""
+    """A C comment on a line of its own; no text can end it early."""
 
     text: str
 
@@ -248,7 +251,7 @@ Statement = (
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """A parameter of a function with its type as text: `const veh_in_t *`."""
+    """An argument of a C function, with its type as text: `const veh_in_t *`."""
 
     type: str
     name: str
@@ -256,7 +259,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Function:
-    """A function definition; `result` is its return type as text."""
+    """The definition of a C function. `result` is its return type as text, `doc` its comment."""
 
     name: str
     result: str
@@ -268,7 +271,9 @@ class Function:
 
 
 def used_names(statements: Iterable[Statement]) -> frozenset[str]:
-    """The names of all variables in expressions of the statements."""
+    """The texts of all `Name`s in the statements, at any depth: variables and macros that they
+    use.
+    """
     found = set[str]()
     waiting: list[Any] = [*statements]
     while waiting:

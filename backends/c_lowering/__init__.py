@@ -1,1 +1,1 @@
-"""Lowers graphs of a program to the tree of C."""
+"""Translates graphs of a program to the tree of C."""

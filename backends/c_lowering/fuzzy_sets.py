@@ -28,9 +28,9 @@ from compiler.passes.analyses.compact_sets import (
 
 @dataclass(frozen=True, slots=True)
 class EvenPoints:
-    """⌊(x − origin) · factor⌋ is the interval of x, for x from the first to below the last point.
-
-    If it is not `exact`, it can be one too high just below the upper end of an interval.
+    """Evenly spaced points, between which the interval of x is found by ⌊(x − origin) · factor⌋,
+    for x from the first to below the last point. If it is not `exact`, it can be one too high just
+    below the upper end of an interval.
     """
 
     origin: float
@@ -39,10 +39,10 @@ class EvenPoints:
 
 
 def even_points(points: Sequence[float], dtype: Dtype) -> EvenPoints | None:
-    """The factor that finds the interval in the arithmetic of `dtype`; None if none is reliable.
-
-    Subtraction, multiplication and truncation are monotonic, so it suffices to check the lowest and
-    the highest float of each interval.
+    """Origin and factor with which one product finds the interval of x between ascending `points`
+    in the arithmetic of `dtype`; None if the points are not evenly spaced enough. Subtraction,
+    multiplication and truncation are monotonic, so it suffices to check the lowest and the highest
+    float of each interval.
     """
     real = np.dtype(dtype).type
     rounded = np.array(points, dtype)
@@ -69,8 +69,8 @@ _LARGER = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256)
 
 @dataclass(frozen=True, slots=True)
 class ActiveMemberships:
-    """The indices of the one or two fuzzy sets that can have a nonzero degree, and their degrees in
-    C.
+    """The one or two fuzzy sets of a variable that can have a degree of membership above 0: their
+    indices and C expressions of their degrees.
     """
 
     positions: tuple[Index, ...]
@@ -86,9 +86,10 @@ def active_memberships(
     locals: LocalValues,
     scope: BlockScope,
 ) -> ActiveMemberships:
-    """Writes the search and the degrees, with the arithmetic of the general formula.
-
-    `points` are centres or bounds, `numbers` their values if known at compile time.
+    """Writes C that searches the active fuzzy sets of `value` and computes their degrees of
+    membership, with the same rounding as the general formula. `points` is the place of the centres
+    of triangular or the bounds of rectangular sets (`shape`). `numbers` are their values if known
+    at compile time, else None. `node` is that of all degrees, for comments and names.
     """
     locals.notes.write(node, scope)
     writer = _Writer(node, value, points, numbers, locals, scope)
@@ -121,7 +122,9 @@ class _Writer:
         self._at = c.Name(scope.fresh(f"{self._name}_at"))
 
     def triangular(self) -> ActiveMemberships:
-        """Two neighbouring sets; beyond the ends one set with the constant formula."""
+        """Writes the search for two neighbouring triangular sets and their degrees. Below the first
+        or above the last centre one set has the degree 1, the other 0.
+        """
         scope, last, first = self._scope, self._count - 1, variable(self._at.text)
         here, following = (c.Name(scope.fresh(f"{self._name}_{n}")) for n in ("here", "next"))
         scope.add(c.Declare(c.CType.UNSIGNED, self._at.text, c.Unsigned(0)))
@@ -150,13 +153,17 @@ class _Writer:
         return ActiveMemberships((first, first.plus(Index(1))), (here, following))
 
     def rectangular(self) -> ActiveMemberships:
-        """One set; its index is the number of bounds at or below the value."""
+        """Writes the search for the one active set, whose index is the number of bounds at or below
+        the value. Its degree is 1.
+        """
         self._scope.add(c.Declare(c.CType.UNSIGNED, self._at.text, c.Unsigned(0)))
         self._search(self._count + 1, -1, self._scope)
         return ActiveMemberships((variable(self._at.text),), (c.Real(1.0),))
 
     def _find_interval(self, scope: BlockScope) -> None:
-        """The interval of a value between the first and the last centre."""
+        """Writes the search for the interval of a value between the first and the last centre, into
+        the local variable of the index.
+        """
         even = None
         if self._numbers is not None:
             even = even_points(self._numbers, self._locals.functions.dtype)
@@ -176,7 +183,9 @@ class _Writer:
             scope.add(c.If(rounded_up, (back,)))
 
     def _search(self, count: int, offset: int, scope: BlockScope) -> None:
-        """Binary search over `count` intervals, with a constant number of comparisons."""
+        """Writes a binary search over `count` intervals, which takes the same number of comparisons
+        for every value. The bound below interval i is point i + `offset`.
+        """
         where = variable(self._at.text)
         reached = Index()
         while count > 1:
@@ -189,7 +198,9 @@ class _Writer:
             reached = where
 
     def _slope(self, scope: BlockScope) -> c.Expression:
-        """1 / (cᵢ₊₁ − cᵢ) of the interval, as in the general formula."""
+        """The C expression 1 / (cᵢ₊₁ − cᵢ) for the centres c around the interval i that was found,
+        rounded as in the general formula.
+        """
         where = variable(self._at.text)
         if self._numbers is None:
             width = c.Binary("-", self._point(where.plus(Index(1))), self._point(where))
@@ -204,7 +215,9 @@ class _Writer:
         return scope.constant(f"{self._name}_slope", table.element((where,)))
 
     def _beyond(self, end: int) -> c.Expression:
-        """1 for every finite value, otherwise NaN."""
+        """The C expression of the degree beyond the end with index `end`: 1, but NaN if the value
+        is NaN or infinite, as the general formula gives.
+        """
         distance = _difference(self._value, self._point(Index(end)))
         return c.Binary("+", c.Binary("*", distance, c.Real(0.0)), c.Real(1.0))
 
@@ -216,7 +229,7 @@ class _Writer:
 
 
 def _difference(left: c.Expression, right: c.Expression) -> c.Expression:
-    """left − right, without a sign before a literal."""
+    """The C expression left − right; a negative literal becomes left + |right|."""
     if isinstance(right, c.Real) and right.value < 0.0:
         return c.Binary("+", left, c.Real(-right.value))
     return c.Binary("-", left, right)
@@ -224,8 +237,8 @@ def _difference(left: c.Expression, right: c.Expression) -> c.Expression:
 
 @dataclass(frozen=True, slots=True)
 class ActiveSums:
-    """The values that are computed differently if inactive fuzzy sets, whose degree is 0, are
-    skipped.
+    """The nodes of a graph that C computes for active fuzzy sets only. Inactive sets have a degree
+    of membership of 0 and are skipped.
     """
 
     sets: dict[NodeId, CompactSets] = field(default_factory=dict[NodeId, CompactSets])
@@ -237,20 +250,18 @@ class ActiveSums:
 
 
 def sums_of_active_sets(program: Program, memories: Iterable[StateMemory]) -> list[NodeId]:
-    """The sums of a step that generated C computes over active fuzzy sets only.
-
-    An infinite or NaN term of an inactive set makes the sum NaN in the interpreter, but not in C.
-    For such steps the same bits are not guaranteed.
+    """The nodes of the step that are sums over fuzzy sets and that generated C computes over active
+    sets only. `memories` are the states in C. If a term of an inactive set is infinite or NaN, the
+    sum is NaN in the interpreter but not in C. Such steps do not have to give the same bits.
     """
     read = seen_values(program) + [joining(memory) for memory in memories]
     return [*find_active_sums(program.step, read).sums]
 
 
 def find_active_sums(graph: Graph, roots: Iterable[NodeId]) -> ActiveSums:
-    """The sums whose result has the same bits without the terms that are 0.
-
-    That requires that +0 is added to the sum (`settle_zeros`), so that a sum of zeros is +0. Fuzzy
-    sets with other users are computed completely.
+    """The sums over fuzzy sets that have the same bits if terms of inactive sets are skipped. That
+    requires that +0 is added to the sum (`settle_zeros`), so that a sum of zeros is +0. Fuzzy sets
+    that anything else reads are computed completely. `roots` are the nodes whose values are needed.
     """
     found = compact_sets(graph)
     support = supports(graph, found)
@@ -279,7 +290,9 @@ def find_active_sums(graph: Graph, roots: Iterable[NodeId]) -> ActiveSums:
 
 
 def _users(graph: Graph, roots: Iterable[NodeId]) -> list[list[NodeId | None]]:
-    """The nodes that read each node; None marks a root."""
+    """For each node the list of the nodes that read it, as far as `roots` depend on them; None in
+    it means that the node is a root.
+    """
     users: list[list[NodeId | None]] = [[] for _ in graph.nodes]
     wanted = set(roots)
     for root in wanted:

@@ -49,21 +49,29 @@ _DEEPEST = 40
 
 
 class LeafSource(Protocol):
-    """Gives the places of values that a graph does not compute."""
+    """Gives the C places of values that a graph reads but does not compute: samples, parameters,
+    states.
+    """
 
     def read(self, op: ops.AnyRead, type: Type) -> ArrayView:
-        """The samples, the parameter or the state as a view of memory."""
+        """The place of the samples, the parameter or the state that `op` reads, with the shape of
+        `type`.
+        """
         ...
 
     def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
-        """Appends the newest sample to a buffer; returns the place of its window, or None if
-        impossible.
+        """Writes statements to `scope` that append the newest sample to the buffer of `op`. Returns
+        the place of its window, or None if the memory has no place with all samples of the window.
         """
         ...
 
 
 class GraphLowering:
-    """Writes C for the nodes that `roots` depend on; values that must be stored go to `scope`."""
+    """Translates the nodes that `roots` depend on to C. Values that must be stored are written to
+    local variables in `scope` at once; all others are written where they are used. `surroundings`
+    gives the places of leaves. `active` and `moving` are sums that skip inactive fuzzy sets or
+    shift a buffer.
+    """
 
     def __init__(
         self,
@@ -96,28 +104,36 @@ class GraphLowering:
                 self._values[index] = value
 
     def value(self, node: NodeId) -> Value:
-        """The value: a place, or the recipe of its elements."""
+        """The C value of a node: a place in memory, or a `Computed` that writes each element.
+        Raises KeyError for a node that no root depends on.
+        """
         return self._values[node]
 
     def place(self, node: NodeId, name: str) -> ArrayView:
-        """The place of a value in memory; a value without one is first stored in a local `name`."""
+        """The place of a node's value in memory. A value without one is first written to a local
+        variable `name`.
+        """
         value = self._values[node]
         return value if isinstance(value, ArrayView) else self.copy(node, name)
 
     def copy(self, node: NodeId, name: str) -> ArrayView:
-        """A new local of that name with the value."""
+        """Writes the value of a node to a new local variable called `name`, and returns its
+        place.
+        """
         value = self._values[node]
         kept = self._locals.kept(self._graph[node], value, name, self._scope)
         self._values[node] = kept
         return kept
 
     def store(self, node: NodeId, target: ArrayView) -> None:
-        """Writes all elements to another place."""
+        """Writes statements that copy all elements of a node to the place `target`."""
         self._locals.notes.write(self._graph[node], self._scope)
         copy_value(self._values[node], target, self._scope, self._locals.unroll)
 
     def store_part(self, node: NodeId, part: Value, target: ArrayView) -> None:
-        """Writes `part`, some of the elements of the node, to the place `target`."""
+        """Writes statements that copy the value `part`, some of the elements of the node, to the
+        place `target`. The node is for the comment.
+        """
         self._locals.notes.write(self._graph[node], self._scope)
         copy_value(part, target, self._scope, self._locals.unroll)
 
@@ -158,7 +174,9 @@ class GraphLowering:
                 assert_never(node.op)
 
     def _active_memberships(self, index: NodeId, node: Node) -> Computed:
-        """Degrees of active sets only; no other elements are used."""
+        """The degrees of membership of a node, of which only elements of active sets may be
+        read.
+        """
         sets = self._active.sets[index]
         value = element_of(self._values[sets.value], (), self._scope)
         points, known = self._values[sets.points], self._graph[sets.points]
@@ -178,7 +196,9 @@ class GraphLowering:
     def _moving_sum(
         self, node: Node, factors: Sequence[tuple[Value, Type]], memory: ShiftBuffer
     ) -> ArrayView:
-        """A sum over a buffer, written at this point, as it also shifts the buffer."""
+        """Writes the loop of a sum over a buffer that also shifts the buffer, and returns the place
+        of the sum. `factors` are the factors of its terms, one of them the window of `memory`.
+        """
         locals = self._locals
         weights = [(v, type) for v, type in factors if v != memory.window]
 
@@ -256,9 +276,10 @@ class GraphLowering:
 
 
 def forward_slices(graph: Graph) -> Graph:
-    """The graph with every slice taken directly from the source of its elements; ids do not change.
+    """The graph in which every slice of a concatenation or slice reads the source of its elements
+    directly; node ids do not change. Example, where %n is node n and `t` an axis:
 
-    %3: concat(%0, %1) over t;  %4: %3[t, 5:6]    ->    %4: %1[t, 1:2]
+        %3: concat(%0, %1) over t;  %4: %3[t, 5:6]    ->    %4: %1[t, 1:2]
     """
     nodes: list[Node] = []
     for _, node in graph:
@@ -283,7 +304,9 @@ def _forwarded(nodes: list[Node], node: Node) -> Node:
 
 
 def _taken(nodes: list[Node], node: Node, source: NodeId, start: int) -> Node:
-    """The slice of another node, or a reshape of that node if it is the whole of it."""
+    """`node`, a slice, as a slice of `source` that begins at `start`; if it is the whole of
+    `source`, as a reshape of it.
+    """
     assert isinstance(node.op, Slice)
     size = node.op.stop - node.op.start
     whole = nodes[source].type.axes == node.type.axes
@@ -293,10 +316,8 @@ def _taken(nodes: list[Node], node: Node, source: NodeId, start: int) -> Node:
 
 
 def _part(nodes: list[Node], concat: Node, wanted: Slice) -> tuple[NodeId, int] | None:
-    """For a slice of a concatenation: the operand that contains all of it, and the start in this
-    operand.
-
-    None if no single operand does.
+    """For a slice `wanted` of a concatenation: the operand that contains all of it, and the start
+    of the slice in this operand. None if it spans several operands.
     """
     begin = 0
     for part in concat.args:
@@ -317,11 +338,10 @@ _NO_SETS: Mapping[NodeId, CompactSets] = {}
 def use_counts(
     graph: Graph, roots: Iterable[NodeId], active: Mapping[NodeId, CompactSets] = _NO_SETS
 ) -> list[int]:
-    """For each node 0 (not needed), 1 (each element used at most once) or MANY.
-
-    A value with 1 can be computed at its use; one with MANY must be stored. Uses through a
-    broadcast, slice or reshape count for the value behind it. `active` fuzzy sets need only their
-    value and points, several times.
+    """For each node: 0 (no root depends on it), 1 (each element is read at most once), or MANY. A
+    value with 1 can be computed where it is read; one with MANY is better stored. Reads through a
+    broadcast, slice or reshape count for the value behind it. `active` are fuzzy sets of which C
+    computes active ones only: they read their value and points several times.
     """
     counts = [0] * len(graph)
     for root in roots:
@@ -341,12 +361,14 @@ def use_counts(
 
 
 def only_units_moved(old: Type, new: Type) -> bool:
-    """True if a reshape only adds, removes or renames axes of length 1."""
+    """True if a reshape from type `old` to `new` only adds, removes or renames axes of length 1."""
     return [n for n in old.shape if n != 1] == [n for n in new.shape if n != 1]
 
 
 def _uses(node: Node, operand: Type, demand: int) -> int:
-    """The uses of an element of the operand if the node's own elements are used `demand` times."""
+    """How often an element of the operand is read by the node, whose own elements are read `demand`
+    times. Any number above 1 means MANY.
+    """
     match node.op:
         case ops.Broadcast():
             # each element of the operand is used this many times in the result

@@ -19,11 +19,10 @@ _LEFT = re.compile(r"(der|next)\((.*)\)")
 
 
 class SpecNotes:
-    """Writes comments above generated statements, with the line and formula of the spec they come
-    from.
-
-    A node inside a formula has no name of its own and uses that of the formula. Without formulas it
-    uses the named value whose place in the spec contains it, or the only one on its line.
+    """Writes comments above generated statements: line and formula of the spec from which they
+    come. A node inside a formula has no name of its own and uses that of the formula. Without
+    `formulas` it uses the named node whose place in the spec contains it, or the only one on its
+    line.
     """
 
     def __init__(self, graph: Graph, formulas: Sequence[Formula] = ()) -> None:
@@ -42,9 +41,9 @@ class SpecNotes:
         self._shown: set[Formula] = set()
 
     def write(self, node: Node, scope: BlockScope) -> None:
-        """Adds a comment about the node before the next statement of the block.
-
-        A formula is shown once, since a step evaluates some equations many times.
+        """Adds a comment about the node to the block, unless the comment before was about the same
+        equation. The formula is shown only the first time, since a step evaluates some equations
+        many times. A node without place in the spec gets no comment.
         """
         if node.span is None:
             return
@@ -57,14 +56,16 @@ class SpecNotes:
             self._shown.add(formula)
 
     def part_name(self, node: Node, kind: str) -> str:
-        """A name for a value inside an equation: `drag_sum`, or `sum` if the equation is
-        unknown.
+        """A name for a value inside an equation: `drag_sum` for kind `sum` in the equation of
+        `drag`, or the kind alone if the equation is unknown.
         """
         equation = _LEFT.sub(r"\2_\1", self._equation(node) or "")
         return f"{equation}_{kind}" if equation else kind
 
     def _what(self, node: Node, formula: Formula | None) -> str:
-        """`travel [m] = w - z`, `dz_1 [m/s], der(dz) = load / body`, or the name alone."""
+        """The text about a node in a comment: `travel [m] = w - z`, or `dz_1 [m/s], der(dz) = load
+        / body`; without a formula the name of its equation, or nothing.
+        """
         name = self._equation(node) or ""
         if formula is None:
             return name
@@ -78,7 +79,9 @@ class SpecNotes:
         return f"{name}{unit}, {formula.left} = {right}" if name else f"{formula.left} = {right}"
 
     def _formula(self, span: Span) -> Formula | None:
-        """The formula that contains the place."""
+        """The first formula whose text in the spec contains the start of the span; None if there is
+        none.
+        """
         formulas = self._formulas.get((span.file, span.line), ())
         return next((formula for formula in formulas if _holds(formula.span, span)), None)
 
@@ -103,5 +106,7 @@ def _holds(whole: Span, part: Span) -> bool:
 
 
 def span_text(span: Span) -> str:
-    """`plant.msnn.yaml:31`; without folders, so that two machines write the same file."""
+    """File name and line, `plant.msnn.yaml:31`. Folders are left out, so that the files are the
+    same on all machines.
+    """
     return f"{PurePath(span.file).name}:{span.line}"

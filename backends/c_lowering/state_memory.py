@@ -22,7 +22,9 @@ _LONGEST_SHIFT = 32
 
 @dataclass(frozen=True, slots=True)
 class PlainState:
-    """A state without samples, replaced at the end of the step."""
+    """A state that is no buffer, stored as one field of the state struct. Its next value is written
+    at the end of the step.
+    """
 
     state: State
     identifier: str
@@ -30,12 +32,12 @@ class PlainState:
 
     @property
     def size(self) -> int | None:
-        """Number of reals in the struct; None for a scalar."""
+        """The length of the array in the struct; None for a scalar field."""
         return math.prod(self.shape) if self.shape else None
 
     @property
     def samples(self) -> ArrayView:
-        """The value, as `ReadState` reads it."""
+        """The place of the current value in the state struct."""
         return member_place("s", self.identifier, self.shape)
 
     def write(self, value: ArrayView, scope: BlockScope, unroll: int) -> None:
@@ -47,7 +49,10 @@ class PlainState:
 
 @dataclass(frozen=True, slots=True)
 class DelayLine:
-    """Samples, oldest first; the newest sample is appended at the end of the step."""
+    """A buffer as an array of its samples, oldest first. At the end of a step its samples are
+    shifted by one and the newest is appended. It has no place for the window with the newest
+    sample.
+    """
 
     state: State
     identifier: str
@@ -66,7 +71,7 @@ class DelayLine:
 
     @property
     def last_sample(self) -> ArrayView:
-        """The sample that was appended last."""
+        """The place of the sample that was appended last."""
         return _last(self.samples, self.shape[:-1])
 
     def write(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
@@ -82,7 +87,9 @@ class DelayLine:
 
 @dataclass(frozen=True, slots=True)
 class ShiftBuffer:
-    """Samples, oldest first, followed by room for the newest one; shifted after the step."""
+    """A buffer as an array of its samples, oldest first, with room for the newest one after them.
+    The array is shifted by one at the end of the step.
+    """
 
     state: State
     identifier: str
@@ -98,7 +105,7 @@ class ShiftBuffer:
 
     @property
     def window(self) -> ArrayView:
-        """All samples including the newest one."""
+        """The place of all samples including the newest one, which is the last."""
         *rows, kept = self.shape
         return ArrayView.array(c.Member("s", self.identifier), (*rows, kept + 1))
 
@@ -108,21 +115,21 @@ class ShiftBuffer:
 
     @property
     def last_sample(self) -> ArrayView:
-        """The sample that was appended last, after the shift."""
+        """The place of the sample that was appended last, as it is after the shift."""
         return _last(self.samples, self.shape[:-1])
 
     def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
         copy_value(start, self.samples, scope, unroll)
 
     def begin(self, scope: BlockScope) -> None:
-        """Nothing to do: the samples have a fixed place."""
+        """Writes nothing: the samples have a fixed place. (`DoubledRing` reads its head here.)"""
 
     def push(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         if not self.in_sum:
             copy_value(newest, _last(self.window, newest.shape), scope, unroll)
 
     def fill(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
-        """Sets every stored sample to the newest one."""
+        """Writes statements that set every stored sample to the newest one."""
         copy_value(_along_time(newest, self.shape), self.samples, scope, unroll)
 
     def commit(self, scope: BlockScope, unroll: int) -> None:
@@ -132,9 +139,8 @@ class ShiftBuffer:
 
 @dataclass(frozen=True, slots=True)
 class DoubledRing:
-    """A ring that stores every sample twice: at `head` and at `head + length`.
-
-    The window is always contiguous and no sample moves.
+    """A buffer as a ring that stores every sample twice, at `head` and at `head + length`. So the
+    window of the last `length` samples is always contiguous, and no sample is moved.
     """
 
     state: State
@@ -172,7 +178,7 @@ class DoubledRing:
 
     @property
     def last_sample(self) -> ArrayView:
-        """The sample that was appended last, in the step that appended it."""
+        """The place of the sample that was appended last, within the step that appended it."""
         return _last(self.window, self.shape[:-1])
 
     def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
@@ -185,7 +191,9 @@ class DoubledRing:
             copy_value(zero, _last(self._from(Index(offset), 1), zero.shape), scope, unroll)
 
     def begin(self, scope: BlockScope) -> None:
-        """Reads and wraps the head; even a corrupted head stays within the ring."""
+        """Writes the declaration of a local variable with the head (write position). A head that is
+        too large, at the end of the ring or after a memory fault, becomes 0.
+        """
         stored = c.Member("s", self.head)
         inside = c.Binary("<", stored, c.Unsigned(self.length))
         # a comparison instead of modulo: Cortex-M0 has no division; a corrupted head becomes 0
@@ -213,15 +221,15 @@ StateMemory = PlainState | DelayLine | Buffer
 
 
 def joining(memory: StateMemory) -> NodeId:
-    """The node whose value a state takes over after the step: a buffer's newest sample, or the next
-    value.
+    """The node whose value is written to the memory of a state at the end of a step: the newest
+    sample for a delay line, the next value for all others.
     """
     return memory.newest if isinstance(memory, DelayLine) else memory.state.next
 
 
 def seen_values(program: Program) -> list[NodeId]:
-    """The values of the step that are visible outside: outputs, equations with ranges, and next
-    values of saturated states, which are tested for NaN.
+    """The nodes of the step whose values are visible outside: outputs, equations with a range, and
+    next values of saturated states before their limit, which are checked for NaN.
     """
     shown = [shown.node for shown in (*program.outputs, *program.expected)]
     return shown + list(unsaturated(program).values())
@@ -229,7 +237,7 @@ def seen_values(program: Program) -> list[NodeId]:
 
 @dataclass(frozen=True, slots=True)
 class InPlace:
-    """A buffer that can be shifted in place."""
+    """A buffer whose samples C can shift in place. `newest` is the node of the newest sample."""
 
     newest: NodeId
     window_read: bool
@@ -237,7 +245,9 @@ class InPlace:
 
 
 def kept_in_place(program: Program) -> dict[str, InPlace]:
-    """Buffers whose next value is their only window without its oldest sample, by name."""
+    """The buffers, by name of state, that C can shift in place: their next value is their only
+    window without its oldest sample.
+    """
     roots = seen_values(program) + [s.next for s in program.states]
     live = needed(program.step, roots)
     windows: dict[str, list[NodeId]] = {}
@@ -267,14 +277,16 @@ def kept_in_place(program: Program) -> dict[str, InPlace]:
 
 
 def doubles(ring: Ring, kept: int) -> bool:
-    """True if a buffer becomes a doubled ring."""
+    """True if a buffer of `kept` samples becomes a doubled ring under the option `ring`."""
     return ring == "double" or (ring == "auto" and kept > _LONGEST_SHIFT)
 
 
 def member_place(
     base: str, identifier: str, shape: tuple[int, ...], *, pointer: bool = True
 ) -> ArrayView:
-    """A field of a struct as a value of the given shape; a scalar field for an empty shape."""
+    """The place of a field of the struct variable `base`, which is a pointer unless `pointer` is
+    False. It is a scalar field if the shape is empty, else an array.
+    """
     field: c.Expression = c.Member(base, identifier, pointer)
     return ArrayView.array(field, shape) if shape else ArrayView.single(field)
 

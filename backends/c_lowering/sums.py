@@ -29,10 +29,9 @@ def sum_along(
     locals: LocalValues,
     active: Sequence[Index] = (),
 ) -> Computed:
-    """The C value of `node`: Σ over `axis` of one factor, or of the product of two.
-
-    `factors` are values with their types. With `active` only the terms of these indices are added,
-    since all others are 0.
+    """The C value of `node`: the sum over `axis` of one factor or of the product of two. `factors`
+    are values with their types, `locals` names the local variables. With `active`, only terms with
+    these indices are added, since all others are 0.
     """
     # the verifier ensures that all factors have the summed axis with equal size
     first = factors[0][1]
@@ -83,7 +82,9 @@ def sum_along(
         return total
 
     def _side_by_side(width: int, indices: Indices, scope: BlockScope) -> Expression:
-        """Sums of every width-th term, added at the end: a processor works on all at once."""
+        """Writes `width` partial sums, each of every width-th term, and adds them at the end. A
+        processor computes them in parallel.
+        """
         totals = [_variable(_NEUTRAL, scope) for _ in range(width)]
         with scope.loop(count // width) as (along, inner):
             for lane, total in enumerate(totals):
@@ -111,7 +112,9 @@ def sum_along(
 def in_blocks(
     count: int, block: int, scope: BlockScope, body: Callable[[Index, BlockScope], None]
 ) -> None:
-    """Writes `body` for 0 … count−1: a loop with `block` steps per iteration, then the rest."""
+    """Writes `body(index, scope)` for the indices 0 … count−1: a loop with `block` of them per
+    iteration, then the remaining ones without a loop.
+    """
     # no loop for a single iteration
     if block <= 1 or count < 2 * block:
         with scope.loop(count) as (along, inner):
@@ -131,7 +134,10 @@ Term = Callable[[Index, Expression, BlockScope], Expression]
 def shifting_sums(
     graph: Graph, roots: Sequence[NodeId], states: Iterable[StateMemory], unroll: int
 ) -> dict[NodeId, ShiftBuffer]:
-    """Sums that are the only reader of a scalar buffer's window longer than `unroll`."""
+    """The sums that shift a buffer while they read it, with this buffer. Such a sum is the only
+    reader of the window of a scalar buffer of at least `unroll` samples. `roots` are the nodes
+    whose values are needed, `states` the memory of all states.
+    """
     live = needed(graph, roots)
     buffers = {
         memory.state.name: memory
@@ -183,7 +189,10 @@ def write_moving_sum(
     block: int,
     scope: BlockScope,
 ) -> Expression:
-    """Writes the loop; `term` returns the contribution of a sample at an index of the window."""
+    """Writes a loop that sums over the window of a buffer and shifts its samples by one; returns
+    the sum, a variable called `total`. `newest` is the newest sample; `term(index, sample, scope)`
+    gives the term of a sample. An iteration handles `block` terms.
+    """
     samples, kept = memory.samples, memory.shape[-1]
     # −0 + x is x for every x, but +0 + −0 is +0
     sum = scope.variable(total, Real(-0.0))

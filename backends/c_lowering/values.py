@@ -1,4 +1,4 @@
-"""Represents values on their way into C: places, recipes, and local variables that store them."""
+"""Represents values of nodes in C: places in memory, expressions at their use, local variables."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ Finish = Callable[[Expression, BlockScope], Expression]
 
 @dataclass(frozen=True, slots=True)
 class Computed:
-    """A value that is not in memory: `make` writes the statements for one element into a block.
-
-    It returns the element's C expression. Each element is made once.
+    """A value that is not in memory. `make(indices, scope)` writes the statements for one element
+    into a block and returns the element's C expression. It is called once per element.
     """
 
     shape: tuple[int, ...]
@@ -42,8 +41,8 @@ Value = ArrayView | Computed
 
 
 def element_of(value: Value, indices: Indices, scope: BlockScope) -> Expression:
-    """The C expression of one element, for use inside a larger expression; its statements go to
-    `scope`.
+    """The C expression of one element, as part of a larger expression. Statements that it needs are
+    written to `scope`.
     """
     if isinstance(value, ArrayView):
         return value.element(indices)
@@ -51,8 +50,8 @@ def element_of(value: Value, indices: Indices, scope: BlockScope) -> Expression:
 
 
 def copy_value(value: Value, target: ArrayView, scope: BlockScope, unroll: int) -> None:
-    """Writes statements that copy every element of a value to `target`; loops above `unroll`
-    elements.
+    """Writes statements that copy all elements of a value to the place `target`; as loops if there
+    are more than `unroll`.
     """
 
     def one(indices: tuple[Index, ...], inner: BlockScope) -> None:
@@ -71,7 +70,9 @@ def depth_of(value: Value) -> int:
 
 
 def repeated(value: Value, old: Type, new: Type) -> Value:
-    """The value along the axes of a broadcast."""
+    """The value repeated along axes that `new`, the type after a broadcast, has and `old` does
+    not.
+    """
     kept = [old.axis_names.index(n) if n in old.axis_names else None for n in new.axis_names]
     if isinstance(value, ArrayView):
         return value.repeated(new.shape, kept)
@@ -89,7 +90,7 @@ def repeated(value: Value, old: Type, new: Type) -> Value:
 
 
 def sliced(value: Value, axis: int, start: int, stop: int) -> Value:
-    """Elements start … stop−1 along an axis."""
+    """The elements start … stop−1 of a value along the axis with this position."""
     if isinstance(value, ArrayView):
         return value.sliced(axis, start, stop)
 
@@ -102,7 +103,7 @@ def sliced(value: Value, axis: int, start: int, stop: int) -> Value:
 
 
 def with_units_moved(value: Computed, old: tuple[int, ...], new: tuple[int, ...]) -> Computed:
-    """The value under a shape that differs in axes of length 1 only."""
+    """The value with shape `new` instead of `old`; both differ in axes of length 1 only."""
 
     def moved(indices: Indices) -> Indices:
         longer = iter([i for i, size in zip(indices, new, strict=True) if size != 1])
@@ -125,7 +126,9 @@ _LONGEST_EXPRESSION = 5
 
 
 class LocalValues:
-    """Names and declares the local variables of one C function that store values of nodes."""
+    """Declares the local variables and constants of one C function, with names from the spec where
+    possible. `functions` and `notes` write calls and comments.
+    """
 
     def __init__(
         self,
@@ -153,11 +156,15 @@ class LocalValues:
         """Units of constants of the spec."""
 
     def name(self, node: Node, kind: str = "part") -> LocalName:
-        """The label of the node; otherwise a name from its equation and `kind`."""
+        """The name for a local variable: the name of the node in the spec; otherwise one from its
+        equation and `kind`, such as `drag_part`.
+        """
         return SpecName(node.label) if node.label else self.notes.part_name(node, kind)
 
     def finished(self, node: Node, value: c.Expression, scope: BlockScope) -> c.Expression:
-        """The expression, or a named constant for it if the spec names it or it is long."""
+        """The expression itself, or a new local constant with its value if the spec names the node
+        or the expression is long.
+        """
         # it already has a name
         if isinstance(value, c.Name):
             return value
@@ -167,7 +174,9 @@ class LocalValues:
         return scope.constant(self.name(node), value, _c_type(node))
 
     def kept(self, node: Node, value: Value, name: LocalName, scope: BlockScope) -> ArrayView:
-        """Declares a local `name`, writes the value into it, and returns its place."""
+        """Writes the value of a node into a new local variable called `name`, and returns its
+        place. A scalar that has a name in C already gets no second one.
+        """
         if node.label is not None and name == node.label:
             name = SpecName(node.label)
         boolean = node.type.kind == "bool"
@@ -186,11 +195,15 @@ class LocalValues:
         return ArrayView.single(made, boolean).reshaped_single(node.type.shape)
 
     def array(self, node: Node, name: LocalName, scope: BlockScope) -> ArrayView:
-        """A new uninitialised local array for the value."""
+        """Declares an uninitialised local array called `name` with the node's shape, and returns
+        its place.
+        """
         return ArrayView.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
 
     def constants(self, statements: Sequence[c.Statement]) -> tuple[c.Statement, ...]:
-        """Declarations of the constants that the statements use."""
+        """Declarations of those constants that the statements use, after a comment with the units
+        of constants of the spec.
+        """
         used = used_names(statements)
         known = [(name, each) for name, each in self._known.items() if name in used]
         shown = [f"{name} [{self._units[name]}]" for name, _ in known if name in self._units]
@@ -206,9 +219,9 @@ class LocalValues:
         *,
         of_spec: bool = False,
     ) -> ArrayView:
-        """A constant array: literals in expressions, or a table if a loop reads it.
-
-        A scalar that the spec names becomes a constant of that name.
+        """The place of a constant array with these values in C order. Elements with a constant
+        index become literals; a table called `name` is declared only if a loop reads it. With
+        `of_spec`, a scalar becomes a C constant of that name if the function names constants.
         """
         # compared by their bits, since 0.0 == -0.0
         if len({value.hex() for value in values}) == 1 and type.kind == "real":

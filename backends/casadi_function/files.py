@@ -30,13 +30,14 @@ def write_casadi(
     prefix: str,
     options: CasadiOptions = _AS_IT_IS,
 ) -> tuple[Path, ...]:
-    """Writes the CasADi functions of a program in step form; returns the paths.
+    """Writes the CasADi functions of a program in step form to `folder`; returns the paths.
 
     The files are `<prefix>.casadi`, `<prefix>_initial_state.casadi`, `<prefix>.json` and a README,
     `<prefix>_casadi.md`. Unless the functions are very large, `<prefix>_casadi.py` has both for any
-    version of CasADi. Values of parameters, `weights` or the initial ones, are in the JSON file if
-    parameters are inputs, otherwise in the functions. Raises OSError if the folder is not writable,
-    ValueError for a weight of a wrong shape.
+    version of CasADi. `weights` are physical arrays by name; a missing one, or None, means initial
+    values. They are in the JSON file if parameters are inputs, otherwise in the functions. Raises
+    OSError if a file cannot be written, ValueError for a program in window form or a weight of a
+    wrong shape.
     """
     if options.params == "inline":
         program = inline_parameters(program, weights or {})
@@ -104,9 +105,9 @@ _OPERATIONS: dict[int, str] = {
 
 
 def source_text(functions: Sequence[casadi.Function], model: str) -> str:
-    """A module with a CasADi function of each name.
-
-    `functions` are scalar (SX); their inputs and outputs are columns.
+    """The text of a Python module that defines these CasADi functions under their names, for any
+    version of CasADi. `functions` are scalar (SX), and their inputs and outputs are columns.
+    `model` is the name in the comment.
     """
     about = f"The CasADi functions of the model {model!r}, for any version of CasADi."
     lines = [

@@ -27,12 +27,14 @@ _OPTIONS = {"never_inline": True}
 
 
 def build_function(program: Program, name: str = "step", *, form: Form = "mx") -> casadi.Function:
-    """The step as a function of inputs, states and parameters, in this order, by name.
+    """The step as a CasADi function called `name`. Its arguments are inputs, states and parameters,
+    in this order; its results are outputs, then next states. `casadi_names` gives the names of
+    ports.
 
-    It returns the outputs, then the next states; `casadi_names` gives the names of ports. A port is
-    a column of its elements in C order (window last): 6 joints × 30 samples are 180 rows, the
-    samples of the first joint first. Values are physical, in the units of the spec. The form `mx`
-    keeps matrix expressions; `sx` has scalar expressions, for small models only.
+    A port is a column of its elements in C order (window last): 6 joints × 30 samples are 180 rows,
+    the samples of the first joint first. Values are physical, in the units of the spec. The form
+    `mx` keeps matrix expressions; `sx` has scalar expressions, for small models only. Raises
+    ValueError for a program in window form.
     """
     program = _prepared(program)
     interface = step_interface(program)
@@ -60,10 +62,13 @@ def build_function(program: Program, name: str = "step", *, form: Form = "mx") -
 def build_initial_state(
     program: Program, name: str = "initial_state", *, form: Form = "mx"
 ) -> casadi.Function:
-    """The states before the first step, as a function of recorded samples around it and parameters.
+    """The states before the first step as a CasADi function called `name`. Its arguments are
+    windows of recorded samples around the first step, then parameters; `casadi_names` gives their
+    names.
 
-    Each window has the samples t0+first … t0+last of one signal; the metadata describes it. The
-    form is that of `build_function`.
+    A window has the samples t0+first … t0+last of one signal; the metadata describes it. A port is
+    a column of its elements in C order. The form `mx` keeps matrix expressions; `sx` has scalar
+    expressions, for small models only. Raises ValueError for a program in window form.
     """
     program = _prepared(program)
     interface = step_interface(program)
@@ -86,7 +91,9 @@ def build_initial_state(
 
 
 def casadi_names(program: Program) -> PortNames:
-    """The names of all ports of both functions."""
+    """The names of the ports of both functions, by name in the spec. Raises ValueError for a
+    program in window form.
+    """
     return port_names(step_interface(program), _KEYWORDS)
 
 

@@ -24,12 +24,14 @@ Positions = NDArray[np.int64]
 
 
 def positions(type: Type) -> Positions:
-    """The index of each element of an array in its column; the result has the type's shape."""
+    """The index of each element in the column that stores a value of this type, as an array of the
+    type's shape.
+    """
     return np.arange(type.size, dtype=np.int64).reshape(type.shape)
 
 
 def gather(column: Expression, wanted: Positions) -> Expression:
-    """A column of the elements at these indices, in the C order of `wanted`."""
+    """A column with the elements of `column` at the indices `wanted`, in C order of `wanted`."""
     flat = wanted.ravel()
     # omit a trivial selection: each node costs time in every call
     if np.array_equal(flat, np.arange(column.numel())):
@@ -40,7 +42,9 @@ def gather(column: Expression, wanted: Positions) -> Expression:
 
 
 def broadcast(column: Expression, operand: Type, result: Type) -> Expression:
-    """The operand repeated along missing axes, with axes in the order of the result."""
+    """The column of a value of type `operand` after a broadcast to type `result`: repeated along
+    missing axes, with axes in the order of the result.
+    """
     names = [axis.name for axis in result.axes if axis.name in operand.axis_names]
     order = [operand.position(name) for name in names]
     index = tuple(
@@ -52,7 +56,9 @@ def broadcast(column: Expression, operand: Type, result: Type) -> Expression:
 
 
 def concat(columns: Sequence[Expression], operands: Sequence[Type], axis: str) -> Expression:
-    """Concatenates the arrays along one axis."""
+    """The column of the concatenation of values, given as columns with their types, along the axis
+    with this name.
+    """
     # vertcat stacks the columns: indices are offset by the previous operands
     ends = np.cumsum([operand.size for operand in operands])
     parts = [
@@ -63,7 +69,7 @@ def concat(columns: Sequence[Expression], operands: Sequence[Type], axis: str) -
 
 
 def total(column: Expression, operand: Type, axis: str) -> Expression:
-    """Σ over one axis."""
+    """The column of the sum of a value over the axis with this name."""
     terms = np.moveaxis(positions(operand), operand.position(axis), 0)
     # a matrix whose columns are the terms, summed along its rows
     return casadi.sum2(_matrix(column, terms.reshape(terms.shape[0], -1)))
@@ -72,7 +78,9 @@ def total(column: Expression, operand: Type, axis: str) -> Expression:
 def contract(
     left: Expression, right: Expression, operands: tuple[Type, Type], result: Type, axis: str
 ) -> Expression:
-    """Σ over one axis of the product: a matrix product, unless the operands share more axes."""
+    """The column of Σ over the axis with this name of the product of two values: a matrix product,
+    unless the values share further axes. `operands` are their types, `result` is that of the sum.
+    """
     shared = [a for a in result.axes if all(a.name in type.axis_names for type in operands)]
     # CasADi has no batched matrix product for further shared axes, and it simplifies a product
     # with a zero matrix to 0, which would hide NaN
@@ -93,7 +101,7 @@ def contract(
 
 
 def _matrix(column: Expression, columns: Positions) -> Expression:
-    """The matrix whose columns are the elements in the rows of `columns`."""
+    """A matrix whose column k has the elements of `column` at the indices in row k of `columns`."""
     # CasADi is column-major: a row of `columns` becomes a column
     count, length = columns.shape
     return casadi.reshape(gather(column, columns), length, count)
@@ -101,7 +109,7 @@ def _matrix(column: Expression, columns: Positions) -> Expression:
 
 @dataclass(frozen=True, slots=True)
 class Symbols:
-    """The CasADi expressions for ports, states and parameters, by name in the spec."""
+    """The CasADi expressions of input ports, states and parameters, by name in the spec."""
 
     ports: Mapping[str, tuple[Port, Expression]]
     """Ports from which signal reads take their samples."""
@@ -111,7 +119,9 @@ class Symbols:
 
 @contextmanager
 def exact_arithmetic() -> Generator[None]:
-    """Disables simplifications such as 0·x = 0 and x − x = 0, which would hide NaN."""
+    """Context manager: within it, CasADi does not simplify expressions such as 0·x to 0 and x − x
+    to 0, which would hide NaN. The switch is global in CasADi.
+    """
     # a global switch of CasADi, restored also after an error
     before = casadi.GlobalOptions.getSimplificationOnTheFly()
     casadi.GlobalOptions.setSimplificationOnTheFly(False)
@@ -124,7 +134,9 @@ def exact_arithmetic() -> Generator[None]:
 def lower_nodes(
     graph: Graph, nodes: Sequence[NodeId], symbols: Symbols
 ) -> dict[NodeId, Expression]:
-    """The expressions of `nodes`, which are ordered with operands first."""
+    """The CasADi expressions of `nodes` by node id. `nodes` contains all operands, each before its
+    users.
+    """
     values: dict[NodeId, Expression] = {}
     for index in nodes:
         node = graph[index]
@@ -208,7 +220,9 @@ def _window(buffer: Expression, newest: Expression, window: Type) -> Expression:
 
 
 def _nearer(first: Expression, second: Expression, values: list[Expression]) -> Expression:
-    """The operand whose relation holds, the first for a tie; NaN if one is NaN."""
+    """The first value if the condition `first` holds, the second if `second` holds, otherwise NaN:
+    neither holds if a value is NaN.
+    """
     left, right = values
     # if neither comparison holds, one operand is NaN, and so is the sum
     return casadi.if_else(first, left, casadi.if_else(second, right, left + right))

@@ -10,7 +10,7 @@ Form: TypeAlias = Literal["mx", "sx"]
 
 @dataclass(frozen=True, slots=True)
 class CasadiOptions:
-    """Choices of one export."""
+    """Options of an export to CasADi."""
 
     params: Literal["input", "inline"] = "input"
     """`input` makes parameters inputs of the functions, `inline` writes their values into them."""

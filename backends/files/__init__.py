@@ -1,1 +1,1 @@
-"""Writes files whole or not at all, and finds the compiler that reads them."""
+"""Writes files completely or not at all, and finds and runs a C compiler."""

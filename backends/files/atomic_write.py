@@ -23,14 +23,18 @@ _OPENED = re.compile(r"/dev/(?:stdout|stderr)|(?:/dev|/proc/self)/fd/(?P<number>
 
 
 def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
-    """Writes UTF-8 text with `\\n` line ends on every system; returns the path."""
+    """Writes text as UTF-8, with line ends as they are in it; returns the path. Missing folders are
+    created. A `durable` file is on the disk before this returns. An OSError leaves the previous
+    file.
+    """
     return write_bytes(path, text.encode("utf-8"), durable=durable)
 
 
 def write_bytes(
     path: Path, data: bytes, *, durable: bool = False, named_later: bool = False
 ) -> Path:
-    """Writes the bytes; returns the path. An OSError leaves the previous file.
+    """Writes the bytes; returns the path. Missing folders are created. An OSError leaves the
+    previous file.
 
     A `durable` file is on the disk, with its name, before this returns: after a power cut either it
     or the previous file exists. This takes some milliseconds. With `named_later` it waits for the
@@ -50,11 +54,13 @@ def write_bytes(
 
 @contextmanager
 def replacing(path: Path, *, takes_streams: bool = True) -> Generator[Path]:
-    """A temporary path for a writer that opens files itself; renamed to `path` on success.
+    """Context manager that gives a temporary path, for a writer that opens files itself. On success
+    the file is renamed to `path`; on an exception `path` stays as it was.
 
     Missing folders are created. The name contains the process id, so that two writers of one file
     do not mix; the last one wins. A device, a pipe or a shell stream receives the bytes of the
-    finished file if `takes_streams`; otherwise it is replaced.
+    finished file if `takes_streams`; otherwise it is replaced. Raises OSError, such as
+    IsADirectoryError.
     """
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -79,7 +85,9 @@ def replacing(path: Path, *, takes_streams: bool = True) -> Generator[Path]:
 
 
 def _is_stream(path: Path) -> bool:
-    """True if the path is a pipe or a device, not a regular file."""
+    """True if the path is a pipe, a device or a stream that the shell opened; False for a regular
+    or missing file.
+    """
     if _OPENED.fullmatch(str(path)) is not None:
         return True
     try:
@@ -101,7 +109,9 @@ def _stream(path: Path) -> BinaryIO:
 
 
 def _require_readable(path: Path) -> None:
-    """Raises OSError early for a file or folder that its owner may not read."""
+    """Raises OSError if the file or folder exists and its owner may not read it, as an unusual
+    umask causes.
+    """
     if path.exists() and not path.stat().st_mode & S_IRUSR:
         reason = "the umask would leave a file that its owner cannot read: set another, as 022"
         raise OSError(errno.EACCES, reason, str(path))
@@ -109,10 +119,10 @@ def _require_readable(path: Path) -> None:
 
 @contextmanager
 def replacing_files(folder: Path) -> Generator[Path]:
-    """A temporary folder for several files, which then appear in `folder` together.
-
-    A new folder appears in one step. In an existing folder each file is renamed after all are
-    complete; its other files stay.
+    """Context manager that gives a temporary folder for several files, which then appear in
+    `folder` together. A new folder appears in one step. In an existing folder each file is renamed
+    after all are complete; its other files stay. If the block raises, nothing changes. Raises
+    OSError.
     """
     folder = Path(os.path.realpath(folder))
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -129,7 +139,9 @@ def replacing_files(folder: Path) -> Generator[Path]:
 
 @contextmanager
 def naming(path: Path, temporary: Path | None = None) -> Generator[None]:
-    """Adds the name of the user's file to an OSError; a full disk reports none."""
+    """Context manager that puts the name of the user's file, `path`, into an OSError of its block
+    that has no file name or that of `temporary`.
+    """
     try:
         yield
     except OSError as error:
@@ -144,12 +156,14 @@ def naming(path: Path, temporary: Path | None = None) -> Generator[None]:
 
 
 def part_of(path: Path) -> Path:
-    """The temporary path at which this process writes `path`."""
+    """The path next to `path` at which this process writes the file before it is renamed."""
     return path.with_name(f".{path.name}.{os.getpid()}.part")
 
 
 def sync(path: Path) -> None:
-    """Waits until a file, or the names in a folder, are on the disk."""
+    """Waits until the content of a file, or the names in a folder, are on the disk. Raises OSError.
+    Does nothing for folders on Windows.
+    """
     if path.is_dir() and os.name != "posix":
         return  # only there a folder can be opened
     number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
@@ -160,7 +174,9 @@ def sync(path: Path) -> None:
 
 
 def _appear(temporary: Path, folder: Path) -> None:
-    """Moves finished files to their place."""
+    """Moves finished files from a temporary folder to `folder`. Raises OSError before the first
+    move if a file is not readable or a folder is in its place.
+    """
     _require_readable(temporary)
     files = sorted(path for path in temporary.rglob("*") if not path.is_dir())
     for path in files:
@@ -189,7 +205,9 @@ def _appear(temporary: Path, folder: Path) -> None:
 
 @contextmanager
 def signals_wait() -> Generator[None]:
-    """Handles signals after the block; has no effect outside the main thread."""
+    """Context manager: SIGINT and SIGTERM that come during the block are handled after it. It has
+    no effect outside the main thread.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -212,13 +230,17 @@ def signals_wait() -> Generator[None]:
 
 @dataclass(slots=True)
 class AppendedFile:
-    """A file that writes its records immediately."""
+    """A file to which records are appended, each written at once. It is created by the first
+    record.
+    """
 
     path: Path
     _file: FileIO | None = field(init=False, default=None)
 
     def write(self, record: bytes) -> None:
-        """Appends the record. An OSError, which names the file, leaves the file unchanged."""
+        """Appends the record completely, or raises an OSError that names the file and leaves it
+        unchanged.
+        """
         with naming(self.path):
             if self._file is None:
                 # unbuffered: otherwise `close` would retry data that a full disk refused

@@ -24,7 +24,9 @@ _COMPILERS = ("gcc", "clang", "cc")
 
 
 class CompilerMissingError(Exception):
-    """This machine has no known working C compiler; `remedy` is a suggestion."""
+    """This machine has no C compiler that is found and works. The message has the reason and a
+    suggestion (`remedy`).
+    """
 
     def __init__(
         self,
@@ -35,10 +37,9 @@ class CompilerMissingError(Exception):
 
 
 def find_compiler() -> tuple[str, ...]:
-    """The command: the words of `CC`, else gcc, clang or cc, else the compiler of the wheel
-    `ziglang`.
-
-    Raises CompilerMissingError.
+    """The command of the C compiler, as words: the environment variable CC, else gcc, clang or cc,
+    else the compiler of the wheel `ziglang`. Raises CompilerMissingError, also for a CC that does
+    not exist.
     """
     try:
         chosen = words_of(os.environ.get("CC", ""), on_windows=os.name == "nt")
@@ -60,16 +61,16 @@ def find_compiler() -> tuple[str, ...]:
 
 
 def words_of(command: str, *, on_windows: bool) -> list[str]:
-    """The words of a command; on Windows a backslash is part of a path."""
+    """The words of a command as a shell splits them; with `on_windows` a backslash is part of a
+    path. Raises ValueError for an open quotation mark.
+    """
     words = shlex.split(command, posix=not on_windows)
     return [word.strip('"') for word in words] if on_windows else words
 
 
 def zig_program() -> Path | None:
-    """The program in the wheel `ziglang`; None if it is not installed.
-
-    It is started by its path: `python -m ziglang` would first run a `ziglang.py` in the working
-    folder.
+    """The path of the program in the wheel `ziglang`; None if it is not installed. It is started by
+    its path: `python -m ziglang` would first run a `ziglang.py` in the working folder.
     """
     wheel = importlib.util.find_spec("ziglang")
     if wheel is None or wheel.origin is None:
@@ -79,7 +80,9 @@ def zig_program() -> Path | None:
 
 
 def installed_as(compiler: tuple[str, ...]) -> tuple[int, ...]:
-    """Numbers that change when another compiler is installed under this name."""
+    """Numbers that identify the executable of a compiler command, and change when another one is
+    installed under its name; empty if it does not exist.
+    """
     found = shutil.which(compiler[0])
     if found is None:
         return ()
@@ -100,10 +103,9 @@ _ASIDE = re.compile(
 
 
 def complaints(output: str) -> list[str]:
-    """The lines that name an error, otherwise all lines except warnings; the first is the cause.
-
-    A linker writes no `error:` before missing symbols; the compiler that called it writes one after
-    them. The list is empty if nothing else remains, as on a full disk.
+    """The lines of a compiler's output that name an error, otherwise all lines except warnings; the
+    first is the cause. A linker writes no `error:` before missing symbols; the compiler that called
+    it writes one after them. The list is empty if nothing else remains, as on a full disk.
     """
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     said = [line for line in lines if not _CLOSING.search(line)]
@@ -126,7 +128,9 @@ _ROOM = 1 << 20
 
 
 class CompilerTooSlowError(Exception):
-    """A compiler exceeded its time limit and was killed."""
+    """A compiler exceeded its time limit and was killed. The message has the limit in seconds;
+    `remedy` is a suggestion.
+    """
 
     remedy = "set CC to another compiler, or MSNN_COMPILER_SECONDS to the seconds that it needs"
 
@@ -136,7 +140,9 @@ class CompilerTooSlowError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A compiler that ended by itself: its exit code and its output."""
+    """The result of a compiler that ended by itself: exit code, standard output, and standard error
+    as `errors`.
+    """
 
     code: int
     output: str
@@ -150,7 +156,8 @@ def run_compiler(
     *,
     longest: float = math.inf,
 ) -> Finished:
-    """Runs the command with `source` as its input; temporary files are in `folder`.
+    """Runs the command with `source` as its standard input, and returns its exit code and output.
+    Temporary files are in `folder` (None: that of the system).
 
     The limit is `compiler_limit()` seconds, or `longest` if that is less. The compiler runs in its
     own session, so Ctrl-C reaches only this process, which may want to finish its work. When
@@ -184,14 +191,16 @@ def run_compiler(
 
 
 def has_room(folder: Path) -> None:
-    """Raises OSError, which names the folder, if a compiler's output would not fit."""
+    """Raises OSError, which names the folder, if a file of 1 MB cannot be written to it."""
     with naming(folder), tempfile.TemporaryFile(dir=folder, prefix=".room-") as file:
         # random bytes: compressing file systems need no space for zeros
         file.write(os.urandom(_ROOM))
 
 
 def compiler_limit() -> float:
-    """Time limit of a compiler in seconds."""
+    """The time limit of a compiler in seconds: the environment variable MSNN_COMPILER_SECONDS if it
+    is a positive number, otherwise `LIMIT`.
+    """
     try:
         given = float(os.environ.get("MSNN_COMPILER_SECONDS", ""))
     except ValueError:

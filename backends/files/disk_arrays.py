@@ -23,7 +23,9 @@ PAUSE = 0.05
 
 
 class DiskArray(np.ndarray[Any, np.dtype[Any]]):
-    """An array whose pages the system loads from a file on demand."""
+    """An array in a file, of which the system loads the parts that are read. Views of it are
+    ordinary arrays without `pages`.
+    """
 
     pages: mmap.mmap | None
     """The mapped file; None for a view."""
@@ -37,7 +39,9 @@ class DiskArray(np.ndarray[Any, np.dtype[Any]]):
 
 
 class ArrayFile:
-    """Appends rows to an unnamed file."""
+    """Appends rows to a file without a name in `folder`, which is created; `array` then gives them
+    as one array. Raises OSError.
+    """
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -48,18 +52,20 @@ class ArrayFile:
         self._dtype = np.dtype(np.float64)
 
     def append(self, values: NDArray[Any]) -> None:
-        """Appends rows of the same shape and type as before."""
+        """Appends rows (n, *shape). All calls must have the same shape and type."""
         self._shape, self._dtype = values.shape[1:], values.dtype
         self._rows += len(values)
         if values.size:
             self._file.write(np.ascontiguousarray(values).data.cast("B"))
 
     def forget(self) -> None:
-        """Discards the file."""
+        """Closes the file without reading it; the system then deletes it."""
         self._file.close()
 
     def array(self) -> NDArray[Any]:
-        """All rows. The file lives as long as the array."""
+        """All rows (n, *shape) as an array that reads from the file, which lives as long as the
+        array. No rows can be appended afterwards.
+        """
         self._file.flush()
         shape = (self._rows, *self._shape)
         # an empty file cannot be mapped
@@ -75,7 +81,9 @@ class ArrayFile:
 
 
 def laid_out(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The array in the memory layout of C, in memory or on disk; converted copies are cached."""
+    """The array with this type in C order. For an array on disk, a converted copy is also on disk
+    and kept for later calls.
+    """
     if not isinstance(values, DiskArray) or values.pages is None:
         return np.ascontiguousarray(values, dtype)
     if values.dtype == dtype:
@@ -91,16 +99,15 @@ def laid_out(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """The rows of an array, in blocks that fit in memory."""
+    """Views of consecutive rows of an array, at most `AT_ONCE` rows each."""
     for begin in range(0, len(values), AT_ONCE):
         yield values[begin : begin + AT_ONCE]
 
 
 class _GivingBack:
-    """Releases pages of memory-mapped files to the system periodically, so that the process holds
-    few.
-
-    A page that is read again comes from the system's cache, or from the file.
+    """A thread that every `PAUSE` seconds releases the loaded parts of mapped files to the system,
+    so that the process holds few. A part that is read again comes from the system's cache, or from
+    the file.
     """
 
     def __init__(self) -> None:
@@ -109,7 +116,9 @@ class _GivingBack:
         self._runs = False
 
     def watch(self, pages: mmap.mmap) -> None:
-        """Starts to watch a file; stops with the last array of it."""
+        """Adds a mapped file, whose loaded parts are released periodically as long as an array uses
+        it.
+        """
         with self._lock:
             self._mapped.add(pages)
             if not self._runs and hasattr(mmap, "MADV_DONTNEED"):
@@ -122,8 +131,8 @@ class _GivingBack:
             time.sleep(PAUSE)
 
     def _gave_back(self) -> bool:
-        """True if there is a file; it holds no reference while it sleeps, so that arrays can be
-        freed.
+        """Releases the loaded parts of all mapped files; returns True if there is still one.
+        References to them are dropped at the end, so that arrays can be freed.
         """
         with self._lock:
             mapped = list(self._mapped)

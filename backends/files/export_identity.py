@@ -30,21 +30,21 @@ _ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
 
 
 def with_identity(texts: Mapping[str, str]) -> dict[str, str]:
-    """The texts, by path, with the placeholder replaced by their identity."""
+    """The texts, by path, with the placeholder `OPEN` replaced by their identity."""
     identity = identity_of(texts)
     return {path: text.replace(OPEN, identity) for path, text in texts.items()}
 
 
 def with_manifest(texts: Mapping[str, str]) -> dict[str, str]:
-    """The texts with the manifest of their files added."""
+    """The texts, by path, and a manifest that lists their SHA-256."""
     contents = {path: text.encode() for path, text in texts.items()}
     return {**texts, MANIFEST: manifest_text(contents)}
 
 
 def identity_of(texts: Mapping[str, str]) -> str:
-    """The SHA-256 of paths and texts with the placeholder.
-
-    Self-tests are excluded, as some contain bits that a compiler recorded.
+    """The identity of an export: the SHA-256, in hexadecimal, of all paths and texts, which have
+    the placeholder `OPEN` where the identity will be. Self-tests are excluded, as some contain bits
+    that a compiler recorded.
     """
     digest = hashlib.sha256()
     for path, text in sorted(texts.items()):
@@ -58,16 +58,17 @@ def identity_of(texts: Mapping[str, str]) -> str:
 
 
 def manifest_text(contents: Mapping[str, bytes]) -> str:
-    """One line per file: the SHA-256 of its bytes, two blanks, its path."""
+    """The text of a manifest of files (path → bytes): a line for each with SHA-256, two blanks and
+    path.
+    """
     hashes = {path: hashlib.sha256(data).hexdigest() for path, data in contents.items()}
     return "".join(f"{digest}  {path}\n" for path, digest in sorted(hashes.items()))
 
 
 def read_manifest(folder: Path) -> dict[str, str]:
-    """The SHA-256 of each file, by path. Raises OSError, or ValueError for another format.
-
-    Lines that `sha256sum --check` would skip raise ValueError. Listed paths may be outside the
-    folder, as the text is untrusted.
+    """The SHA-256 of each file that the manifest in a folder lists, by path. Raises OSError, and
+    ValueError for another format, such as lines that `sha256sum --check` would skip. Paths may be
+    outside the folder, as the text is untrusted.
     """
     listed: dict[str, str] = {}
     for line in (folder / MANIFEST).read_text(encoding="utf-8").splitlines():
@@ -80,7 +81,9 @@ def read_manifest(folder: Path) -> dict[str, str]:
 
 
 def _entry(line: str) -> tuple[str, str]:
-    """The path, without `./`, and the hash in a line of a manifest. Raises ValueError."""
+    """The path, without `./`, and the SHA-256 in a line of a manifest. Raises ValueError for
+    another format.
+    """
     found = _LINE.fullmatch(line)
     if found is None:
         raise ValueError(MANIFEST)

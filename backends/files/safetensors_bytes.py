@@ -1,4 +1,4 @@
-"""Writes arrays and text as a safetensors file, deterministically."""
+"""Writes arrays and text as a safetensors file; the same content gives the same bytes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ _TYPES = {np.dtype(np.float64): "F64", np.dtype(np.float32): "F32", np.dtype(np.
 
 
 def safetensors_bytes(arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str, str]) -> bytes:
-    """The file's content; the library's own writer has a random order of metadata.
+    """The content of a safetensors file with arrays and texts (`metadata`), both by name. The same
+    arguments give the same bytes; the library's own writer has a random order of metadata.
 
     The format starts with eight bytes for the length of the header and the header as JSON, padded
     to a multiple of eight. After it come the elements of each array in C order, little endian

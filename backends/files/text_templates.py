@@ -15,10 +15,10 @@ import templates
 def text_templates(
     folder: str = "", *, strips: bool = False, **filters: Callable[[str], str]
 ) -> jinja2.Environment:
-    """The templates of a folder of `templates/`; with `strips`, directives may be indented.
-
-    Values are inserted without escaping: callers pass text that is safe at its place. The result is
-    cached, since compiling templates is slower than rendering them.
+    """The jinja2 environment of a folder of `templates/`; with `strips`, directives may be
+    indented. `filters` are functions that templates can use, by name. Values are inserted without
+    escaping: callers pass text that is safe at its place. The result is cached, since compiling
+    templates is slower than rendering them.
     """
     environment = jinja2.Environment(
         # located through the package: a wheel has another layout than the repository
@@ -35,10 +35,14 @@ def text_templates(
 
 
 def readme_text(target: str, **facts: str | bool) -> str:
-    """Renders `templates/<target>/README.md.j2`; a missing fact is an error."""
+    """Renders `templates/<target>/README.md.j2` with these facts. Raises jinja2.UndefinedError for
+    a missing one.
+    """
     return text_templates().get_template(f"{target}/README.md.j2").render(**facts)
 
 
 def one_line(text: str) -> str:
-    """Text of a spec for a Markdown heading: one line, without code or HTML."""
+    """Text of a spec for a Markdown heading: in one line, with characters of code and HTML
+    replaced.
+    """
     return " ".join(text.split()).replace("`", "'").replace("<", "‹").replace(">", "›")

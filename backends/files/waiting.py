@@ -17,11 +17,10 @@ _SHORTEST, _LONGEST = 0.001, 0.05
 
 
 def wait_until(done: Callable[[], bool], limit: float) -> bool:
-    """Polls `done` until it is True or the limit in seconds is reached; returns the result.
-
-    During training, the first Ctrl-C means to stop after the batch. While waiting here there is no
-    batch, so KeyboardInterrupt is raised a few seconds later. This leaves a compiler time to
-    finish.
+    """Polls `done` until it is True, and returns True; False if the limit in seconds is reached
+    before. During training, the first Ctrl-C means to stop after the batch. While waiting here
+    there is no batch, so KeyboardInterrupt is raised a few seconds later. This leaves a compiler
+    time to finish.
     """
     with _heard_interrupts() as heard:
         began, pause = time.monotonic(), _SHORTEST
@@ -38,7 +37,10 @@ def wait_until(done: Callable[[], bool], limit: float) -> bool:
 
 @contextmanager
 def _heard_interrupts() -> Generator[list[float]]:
-    """Records the times of interrupts; previous handlers are still called."""
+    """Context manager that gives a list, to which each SIGINT or SIGTERM adds its time
+    (`time.monotonic`). Previous handlers are still called. The list stays empty outside the main
+    thread.
+    """
     heard: list[float] = []
     # only the main thread can set handlers
     if threading.current_thread() is not threading.main_thread():

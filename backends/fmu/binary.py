@@ -25,7 +25,9 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """The names of binaries for a platform."""
+    """An operating system and processor for which a unit can contain a binary, with the names of
+    folders and files. `fmi3` is the folder in FMI 3.0, `suffix` that of a shared library.
+    """
 
     fmi2: str | None
     """The folder of the binary in FMI 2.0; None if FMI 2.0 has no name for the platform."""
@@ -35,7 +37,9 @@ class Platform:
     """The target name of zig, with the oldest supported C library or system version."""
 
     def path(self, version: Version, prefix: str) -> str | None:
-        """The path of the binary in the archive; None if this version of FMI has no path for it."""
+        """The path of the binary in the archive of this FMI version; None if that version has no
+        name for the platform. `prefix` is the name of the model in C.
+        """
         folder = self.fmi2 if version == 2 else self.fmi3
         return None if folder is None else f"binaries/{folder}/{prefix}.{self.suffix}"
 
@@ -71,7 +75,10 @@ def this_platform() -> Platform | None:
 
 
 def binary(sources: Mapping[str, str], compiler: Sequence[str], name: str) -> bytes:
-    """Compiles these files to a shared library with this name. Raises CompilerFailedError."""
+    """Compiles sources (file name → text, all in one folder) to a shared library; returns its
+    bytes. `compiler` is a command, `name` the file name of the library. Raises CompilerFailedError,
+    and OSError for a full disk.
+    """
     with tempfile.TemporaryDirectory(prefix="msnn-fmu-") as place:
         folder = Path(place)
         for file, text in sources.items():
@@ -89,13 +96,17 @@ def binary(sources: Mapping[str, str], compiler: Sequence[str], name: str) -> by
 
 
 def zig_compiler(target: Platform) -> tuple[str, ...]:
-    """The command of the wheel `ziglang` for a platform."""
+    """The command of the compiler in the wheel `ziglang`, which must be installed, for a
+    platform.
+    """
     command = (str(_zig()), "cc", "-target", target.target)
     return (*command, *_without_mingw()) if target.suffix == "dll" else command
 
 
 def zig_libraries() -> Path:
-    """The folder of the wheel with the headers and sources of C libraries."""
+    """The folder of the wheel `ziglang`, which must be installed, with headers and sources of C
+    libraries.
+    """
     return _zig().parent / "lib" / "libc"
 
 
@@ -106,9 +117,8 @@ def _zig() -> Path:
 
 
 def _without_mingw() -> tuple[str, ...]:
-    """Links libraries of Windows itself, as zig has the C library of MinGW only as source code.
-
-    Compiling that takes a minute, and units call nothing of it (decision 0395).
+    """Compiler flags for Windows that link its own C library, as zig has that of MinGW only as
+    source code. Compiling that takes a minute, and units call nothing of it (decision 0395).
     """
     headers = zig_libraries() / "include" / "any-windows-any"
     libraries = (f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("heap", "string", "math"))

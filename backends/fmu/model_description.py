@@ -26,17 +26,23 @@ Attributes = Mapping[str, str | None]
 
 
 def element(name: str, attributes: Attributes) -> Element:
-    """An element with the attributes that are not None."""
+    """An XML element with the attributes that are not None. Characters that XML cannot represent
+    are replaced.
+    """
     return Element(name, _written(attributes))
 
 
 def child(parent: Element, name: str, attributes: Attributes | None = None) -> Element:
-    """Adds such an element as the last child of its parent."""
+    """Adds a new XML element as the last child of `parent`, and returns it. Attributes that are
+    None are left out.
+    """
     return SubElement(parent, name, _written(attributes or {}))
 
 
 def xml_text(root: Element) -> str:
-    """The document; quotes, angle brackets and line ends of any text are escaped."""
+    """The XML document of an element as text, with indents. Quotes, angle brackets and line ends in
+    attributes are escaped.
+    """
     indent(root)
     # line ends in attributes are written as references: XML reads a bare one as a blank
     body = tostring(root, encoding="unicode")
@@ -44,7 +50,9 @@ def xml_text(root: Element) -> str:
 
 
 def number_text(value: float) -> str:
-    """The shortest text from which this value is read exactly, also in single precision."""
+    """The shortest text from which XML readers get exactly this value back: `2`, `0.1`, `-INF`,
+    `NaN`.
+    """
     number = float(value)
     if not np.isfinite(number):
         return "NaN" if np.isnan(number) else "-INF" if number < 0 else "INF"
@@ -59,7 +67,9 @@ def _written(attributes: Attributes) -> dict[str, str]:
 
 
 def add_units(root: Element, units: Iterable[Unit | None]) -> None:
-    """Adds `UnitDefinitions` with each of these units once; adds nothing if there are none."""
+    """Adds the element `UnitDefinitions` with each of these units once, if there is at least
+    one.
+    """
     known = {unit.text: unit for unit in units if unit is not None}
     if not known:
         return
@@ -72,7 +82,9 @@ def add_units(root: Element, units: Iterable[Unit | None]) -> None:
 
 
 def _base(unit: Unit) -> dict[str, str] | None:
-    """SI value = factor · value + offset; None for units that FMI lacks: m^0.5, decibels."""
+    """The attributes of FMI's `BaseUnit`: powers of SI units, and factor and offset with SI value =
+    factor · value + offset. None for units that FMI cannot describe, such as m^0.5 and decibels.
+    """
     # FMI's base units have integer powers
     if any(power != int(power) for power in unit.exponents):
         return None
@@ -100,7 +112,9 @@ CAUSALITY: dict[VariableKind, tuple[str, str, str | None]] = {
 
 
 def fmi2_description(facts: UnitFacts, sources: Sequence[str], guid: str) -> str:
-    """The text of `modelDescription.xml`; `sources` are the files to compile."""
+    """The text of `modelDescription.xml` of FMI 2.0. `sources` are the names of the C files to
+    compile, `guid` the hash that sources and description share.
+    """
     variables = facts.variables
     root = element(
         "fmiModelDescription",
@@ -152,26 +166,32 @@ def fmi2_description(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
 
 
 def add_log_categories(root: Element) -> None:
-    """Adds the categories of log messages, which are the same in both versions."""
+    """Adds the element `LogCategories` with the categories of log messages, which both FMI versions
+    share.
+    """
     categories = child(root, "LogCategories")
     for name, meaning in LOG_CATEGORIES.items():
         child(categories, "Category", {"name": name, "description": meaning})
 
 
 def naming(facts: UnitFacts) -> str:
-    """The FMI naming convention that the names of all variables follow."""
+    """FMI's name of the convention that all variable names follow: `structured` or `flat`."""
     names = [variable.name for variable in facts.variables.all]
     return "structured" if is_structured(names) else "flat"
 
 
 def experiment(facts: UnitFacts) -> dict[str, str | None]:
-    """Attributes of `DefaultExperiment`."""
+    """The attributes of the element `DefaultExperiment`: start time, and the sample time as step
+    size in seconds.
+    """
     every = facts.sample_time
     return {"startTime": "0", "stepSize": None if every is None else number_text(every)}
 
 
 def limits(variable: Variable) -> dict[str, str | None]:
-    """Attributes with limits and unit that both versions share."""
+    """The attributes `unit`, `min` and `max` of a variable, as text or None; both FMI versions have
+    them.
+    """
     low, high = variable.range or (-float("inf"), float("inf"))
     return {
         "unit": variable.unit and variable.unit.text,
@@ -202,7 +222,9 @@ def _scalar(listed: Element, name: str, reference: int, doc: str, kind: Variable
 
 
 def _add_structure(root: Element, facts: UnitFacts) -> None:
-    """Adds the outputs and their dependencies; indices into the list of variables start at 1."""
+    """Adds the element `ModelStructure`: outputs with the inputs on which they depend in the same
+    step. FMI 2.0 refers to variables by their place in the list, from 1.
+    """
     structure = child(root, "ModelStructure")
     outputs, initial = child(structure, "Outputs"), child(structure, "InitialUnknowns")
     for variable in facts.variables.of(VariableKind.OUTPUT):
@@ -227,7 +249,9 @@ def _truth(value: bool) -> str:
 
 
 def fmi3_description(facts: UnitFacts, token: str) -> str:
-    """The text of `modelDescription.xml`."""
+    """The text of `modelDescription.xml` of FMI 3.0. `token` is the hash that sources and
+    description share.
+    """
     variables = facts.variables
     root = element(
         "fmiModelDescription",
@@ -283,7 +307,9 @@ def fmi3_description(facts: UnitFacts, token: str) -> str:
 
 
 def build_text(prefix: str, sources: Sequence[str]) -> str:
-    """The text of `sources/buildDescription.xml`."""
+    """The text of `sources/buildDescription.xml` of FMI 3.0, from which importers compile a unit.
+    `prefix` is the model identifier, `sources` are the names of the C files.
+    """
     root = element("fmiBuildDescription", {"fmiVersion": "3.0"})
     build = child(root, "BuildConfiguration", {"modelIdentifier": prefix})
     files = child(
@@ -317,7 +343,9 @@ def _add_fmi3_variable(listed: Element, variable: Variable, facts: UnitFacts) ->
 
 
 def _add_own(listed: Element, facts: UnitFacts) -> None:
-    """Adds the variables that do not come from the spec."""
+    """Adds the variables that do not come from the spec to the list of FMI 3.0: status, iterations
+    if there are any, and time.
+    """
     variables = facts.variables
     _add_count(listed, variables.status, variables.status_reference, facts.status_doc)
     if variables.iterations is not None:

@@ -21,7 +21,9 @@ VERSIONS: tuple[Version, ...] = (2, 3)
 
 
 def model_sources(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """The generated C that both versions share, without its identity, by file name."""
+    """The generated C of the model that both FMI versions share, file name → text. It has
+    placeholders instead of the identity of the export. `weights` are physical arrays by name.
+    """
     texts = model_texts(program, interface, weights)
     prefix = interface.prefix
     # sources lie in one folder of a unit: folders of an export are taken off
@@ -32,7 +34,9 @@ def model_sources(program: Program, interface: Interface, weights: Weights) -> d
 def unit_sources(
     program: Program, interface: Interface, variables: UnitVariables, version: Version, token: str
 ) -> dict[str, str]:
-    """The sources that one version of FMI adds."""
+    """The C files that one FMI version adds, file name → text: instances of the model and the
+    functions of FMI. `token` is the hash that sources and description share.
+    """
     prefix = interface.prefix
     facts = _facts(program, interface, variables, token)
     titles = {
@@ -47,14 +51,15 @@ def unit_sources(
 
 
 def has_slopes(interface: Interface) -> bool:
-    """True if the unit has derivatives of outputs with respect to inputs."""
+    """True if the C code has a nonempty Jacobian, so that the unit provides derivatives of outputs
+    with respect to inputs.
+    """
     return interface.jacobian is not None and any(f.matrix.size for f in interface.jacobian.fields)
 
 
 def bits_of_steps(interface: Interface) -> list[StatusBit]:
-    """The status bits of a step and the start, without that of the Jacobian.
-
-    An importer gets the latter when it requests derivatives.
+    """The status bits that step and reset can set. The bit for infinite derivatives is left out, as
+    an importer gets it when it requests derivatives.
     """
     return [bit for bit in step_bits(interface) if bit is not StatusBit.SLOPE_NOT_FINITE]
 
@@ -146,10 +151,8 @@ def _declared(interface: Interface, variable: Variable) -> str:
 
 
 def _beginning(interface: Interface, variable: Variable) -> list[str]:
-    """C statements that set the start values of a variable, an input or samples before the first
-    step.
-
-    Only values other than 0 need statements.
+    """Lines of C that set the start values of an input, or of samples before the first step. Empty
+    for other variables, and for values of 0, which memory has anyway.
     """
     if variable.kind not in (VariableKind.INPUT, VariableKind.SAMPLES) or not np.any(
         variable.start
@@ -169,8 +172,9 @@ def _beginning(interface: Interface, variable: Variable) -> list[str]:
 def _fills(
     interface: Interface, variables: UnitVariables, marks: dict[str, int]
 ) -> list[dict[str, Any]]:
-    """For windows that nobody set before the first step: rules that fill them with the input's own
-    value.
+    """Variables of the template, one for each argument of `reset` with samples of an input: C lines
+    that fill it with the input's current value. They run if the importer did not set the argument.
+    `marks` are the numbers of the variables that can be set before the first step, by name.
     """
     inputs = {variable.place: variable for variable in variables.of(VariableKind.INPUT)}
     samples = {variable.place: variable for variable in variables.of(VariableKind.SAMPLES)}

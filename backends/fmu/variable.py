@@ -20,7 +20,7 @@ Range = tuple[float, float] | None
 
 
 class VariableKind(Enum):
-    """The role of a variable for the importer."""
+    """The role that a variable has for the importer, the program that simulates the unit."""
 
     INPUT = "an input"
     OUTPUT = "an output of the last step"
@@ -42,10 +42,8 @@ class VariableKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variable:
-    """The elements of one name, in C order.
-
-    FMI 3.0 refers to it by `first`, FMI 2.0 refers to its elements by `first` and the following
-    numbers.
+    """A variable of a unit: a scalar or an array in C order. FMI 3.0 refers to it by the number
+    `first`, FMI 2.0 to each of its elements by `first` and the following numbers.
     """
 
     name: str
@@ -73,7 +71,9 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class UnitVariables:
-    """All variables, including those that do not come from the spec."""
+    """All variables of a unit: those of the spec in `all`, and the names of those for status, time
+    and iterations.
+    """
 
     all: tuple[Variable, ...]
     status: str
@@ -85,7 +85,7 @@ class UnitVariables:
 
     @property
     def status_reference(self) -> int:
-        """The value reference of the status, after all other elements."""
+        """The number by which FMI refers to the status: the first after all elements of `all`."""
         return sum(variable.size for variable in self.all)
 
     @property
@@ -111,7 +111,9 @@ def member_variable(
     range: Range = None,
     first_sample: int = 0,
 ) -> Variable:
-    """A member of a vector that the C code stores as one `array`."""
+    """A variable for a part (`member`) of a vector that the C code stores in the array `array`. The
+    other arguments are the fields of `Variable`.
+    """
     return Variable(
         name=name,
         kind=kind,
@@ -126,7 +128,9 @@ def member_variable(
 
 
 def residual_variable(name: str, scale: str) -> Variable:
-    """The variable with the largest violation of the optimality conditions of a solution."""
+    """The output variable with the largest violation of the optimality conditions by the solution
+    of an optimal control problem. `scale` describes its unit.
+    """
     return Variable(
         name=name,
         kind=VariableKind.OUTPUT,
@@ -140,7 +144,9 @@ def residual_variable(name: str, scale: str) -> Variable:
 
 
 def placed(variables: Iterable[Variable]) -> tuple[Variable, ...]:
-    """The variables with value references; each follows the elements of the previous one."""
+    """The variables in the same order, with their numbers `first`: each has as many numbers as
+    elements.
+    """
     found: list[Variable] = []
     # FMI 2.0 knows each number by a reference: arrays take as many as they have
     for variable in variables:
@@ -150,18 +156,20 @@ def placed(variables: Iterable[Variable]) -> tuple[Variable, ...]:
 
 
 def one_line(*facts: str) -> str:
-    """The non-empty texts joined into one line."""
+    """The non-empty texts joined by `; `, with line ends replaced by blanks."""
     return "; ".join(text for fact in facts if (text := " ".join(fact.split())))
 
 
 class VariableNames:
-    """Unique names; names of the spec have priority."""
+    """Makes the names of a unit's variables unique. Names of the spec are added first and stay."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
 
     def add(self, name: str) -> str:
-        """Returns the name, with an appended number if it is already taken."""
+        """The name, or if an earlier variable has it, the name with `_2`, `_3`, … appended. The
+        result is taken from now on.
+        """
         found, number = name, 2
         while found in self._taken:
             found, number = f"{name}_{number}", number + 1
@@ -170,15 +178,16 @@ class VariableNames:
 
 
 def is_structured(names: Collection[str]) -> bool:
-    """True if all names follow FMI's `structured` convention: ASCII identifiers with dots."""
+    """True if all names consist of ASCII identifiers joined by dots, as FMI's convention
+    `structured` requires.
+    """
     # the convention that allows dots: `plant.x` is a member there
     return all(part.isascii() and part.isidentifier() for name in names for part in name.split("."))
 
 
 def element_names(variable: Variable, labels: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Name and description of each element for FMI 2.0, such as `W[2,1]`.
-
-    Descriptions include labels and sample times.
+    """Name (`W[2,1]`, counted from 1) and description of each element in C order, for FMI 2.0.
+    Descriptions include sample times and the `labels` of elements, by name of dimension.
     """
     if not variable.shape:
         return [(variable.name, variable.doc)]
@@ -211,7 +220,7 @@ ITERATIONS_DOC = "that the last step took"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitFacts:
-    """The description of one model, used by both versions of FMI."""
+    """The description of a model for the files of a unit, the same for both FMI versions."""
 
     model: str
     made_by: str

@@ -35,7 +35,10 @@ FIRST = "first"
 
 
 def unit_variables(program: Program, interface: Interface, weights: Weights) -> UnitVariables:
-    """The variables of a program in step form, with the names of its C code."""
+    """The variables of a program in step form: inputs, outputs, declared states, parameters,
+    samples around the first step, and first values of states. `weights` are physical arrays by
+    name.
+    """
     names = VariableNames()
     found = [
         # the order of this list is that of the references, which importers keep: new kinds come
@@ -160,7 +163,9 @@ def _samples(interface: Interface, names: VariableNames) -> Iterable[Variable]:
 def _first_values(
     program: Program, interface: Interface, weights: Weights, names: VariableNames
 ) -> Iterable[Variable]:
-    """The first values of states whose `init` reads no recording."""
+    """One variable for the first value of each declared state whose start reads no recorded
+    samples.
+    """
     dtype = interface.options.dtype
     free = [m for m in _declared(interface) if m.state.name not in interface.from_record]
     values = _values_at_start(program, [m.state for m in free], weights, dtype)
@@ -188,7 +193,7 @@ def _values_at_start(
 
 
 def rounded_range(range: Range, dtype: Dtype) -> Range:
-    """The limits rounded to the type with which the C code compares."""
+    """The limits (low, high) rounded to the type in which the C code compares; None for None."""
     if range is None:
         return None
     # a limit of 0.1 is another number in float32: the C compares with that one
@@ -197,7 +202,9 @@ def rounded_range(range: Range, dtype: Dtype) -> Range:
 
 
 def _around(range: Range, values: NDArray[Any]) -> Range:
-    """The range if all values are within it, else None: FMI requires it of start values."""
+    """The range if all start values are within it, as FMI requires; otherwise None, for no
+    limits.
+    """
     if range is None or not ((values >= range[0]) & (values <= range[1])).all():
         return None
     return range

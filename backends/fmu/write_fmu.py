@@ -43,10 +43,14 @@ def write_fmu(
     options: COptions,
     platforms: Collection[str] = (),
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>_fmi2.fmu`, `<prefix>_fmi3.fmu`, FMI headers and a README; returns paths.
+    """Writes `<prefix>_fmi2.fmu`, `<prefix>_fmi3.fmu`, FMI headers and a README to `folder`;
+    returns their paths.
 
-    `program` is in step form. Bytes and errors are those of `write_units`. Also raises ValueError,
-    like `write_c`.
+    `program` is in step form; `weights` are physical arrays by name, and a missing one is the
+    initial value. The units contain a binary for this machine if it has a compiler, and for
+    `platforms`, FMI 3.0 names of systems, for which zig must be installed. Raises ValueError for a
+    program in window form or weights of a wrong shape, CompilerFailedError for a compiler that
+    rejects the sources, and OSError.
     """
     interface = c_interface(program, options)
     physical = physical_weights(program, weights)
@@ -92,7 +96,9 @@ def _status_doc(interface: Interface) -> str:
 
 
 def _depends(interface: Interface, variables: UnitVariables) -> dict[str, Sequence[Variable]]:
-    """The inputs on which each output depends, from the sparsity of D (outputs, inputs)."""
+    """By name of output: the inputs on which it depends in the same step. These are the columns of
+    the matrix D (outputs, inputs) of the Jacobian with an element that is no structural zero.
+    """
     assert interface.jacobian is not None
     found = interface.jacobian.jacobian
     direct = next(matrix for matrix in found.matrices if matrix.name == "D")
@@ -127,12 +133,12 @@ def write_units(
     folder: Path,
     platforms: Collection[str] = (),
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>_fmi2.fmu` and `<prefix>_fmi3.fmu`; returns their paths.
+    """Writes `<prefix>_fmi2.fmu` and `<prefix>_fmi3.fmu` to `folder`; returns their paths.
 
-    `model` are the sources that both versions share. `unit` adds those of one version with a given
-    token; both map file names to texts. The same arguments give the same bytes, except for the
-    binary from this machine's compiler; without a compiler, units contain only sources. zig, which
-    must be installed, compiles for other `platforms`, given by their FMI 3.0 names. Raises
+    `model` are the sources that both FMI versions share, file name → text. `unit(version, token)`
+    gives those of one version. The same arguments give the same bytes, except for the binary from
+    this machine's compiler; without a compiler, units contain only sources. zig, which must be
+    installed, compiles for other `platforms`, given by their FMI 3.0 names. Raises
     CompilerFailedError for a compiler that rejects the sources, and OSError.
     """
     compilers = _compilers(platforms)
@@ -153,7 +159,7 @@ def write_units(
 
 
 def write_headers(folder: Path) -> tuple[Path, ...]:
-    """Writes `include/` with the FMI headers; returns their paths."""
+    """Writes the FMI headers to `include/` in the folder; returns their paths. Raises OSError."""
     return tuple(
         write_text(folder / "include" / name, (HEADERS / name).read_text(encoding="utf-8"))
         for name in sorted(name for names in _HEADERS_OF.values() for name in names)
@@ -161,7 +167,9 @@ def write_headers(folder: Path) -> tuple[Path, ...]:
 
 
 def _compilers(platforms: Collection[str]) -> dict[Platform, Sequence[str]]:
-    """The compiler of each platform; this machine's own compiler serves its own platform."""
+    """The compiler command of each platform for which a binary is made: this machine, if it has a
+    compiler, and `platforms`, for which zig must be installed.
+    """
     here = this_platform()
     found: dict[Platform, Sequence[str]] = {}
     if here is not None:
@@ -177,7 +185,9 @@ def _compilers(platforms: Collection[str]) -> dict[Platform, Sequence[str]]:
 def _files(
     facts: UnitFacts, version: Version, sources: Mapping[str, str], token: str
 ) -> dict[str, bytes]:
-    """All files of the archive except the binary, by path."""
+    """All files of the archive except the binaries, path → bytes. `token` is the hash that sources
+    and description share.
+    """
     compiled = sorted(name for name in sources if name.endswith(".c"))
     texts = {f"sources/{name}": text for name, text in sources.items()}
     if version == 2:
@@ -191,7 +201,9 @@ def _files(
 
 
 def _licence(version: Version) -> str:
-    """A statement about generated code, and the licence text of the FMI headers."""
+    """The text of the licence file: a statement about generated code, and the licence of the FMI
+    headers.
+    """
     header = (HEADERS / _HEADERS_OF[version][0]).read_text(encoding="utf-8")
     # the licence of the headers must go with what is compiled from them
     begin = header.index("Copyright (C)")
@@ -204,7 +216,9 @@ def _licence(version: Version) -> str:
 
 
 def _token(facts: UnitFacts, version: Version, sources: Mapping[str, str]) -> str:
-    """A hash of all files of the unit, as a GUID; different models have different tokens."""
+    """A hash of the files of a unit, made from texts with an empty token, as a GUID in braces.
+    Importers compare it in the sources and the description.
+    """
     digest = hashlib.sha256()
     for path, data in sorted(_files(facts, version, sources, "").items()):
         # lengths too, so that no two lists of files give the same bytes
@@ -224,7 +238,9 @@ _FILE, _PROGRAM = 0o100644, 0o100755
 
 
 def archive(files: Mapping[str, bytes]) -> bytes:
-    """A ZIP archive of files by path, in the order of their paths."""
+    """The bytes of a ZIP archive of files (path → bytes), in the order of paths and with a fixed
+    date, so that the same files give the same bytes.
+    """
     found = io.BytesIO()
     with zipfile.ZipFile(found, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as packed:
         for path in sorted(files):
@@ -239,6 +255,6 @@ def archive(files: Mapping[str, bytes]) -> bytes:
 
 
 def holds_binary(path: Path) -> bool:
-    """True if the unit in this file contains a compiled binary."""
+    """True if the unit in this file contains a compiled binary. Raises BadZipFile and OSError."""
     with zipfile.ZipFile(path) as packed:
         return any(name.startswith(BINARIES) for name in packed.namelist())

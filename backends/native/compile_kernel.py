@@ -75,12 +75,16 @@ rest of that level takes two fifths of its time and causes more spilling (decisi
 
 
 class KernelBuildError(Exception):
-    """The compiler rejected a kernel: a bug of the emitter. The message quotes the compiler."""
+    """The compiler works but rejected a kernel, which is a bug of the code generator. The message
+    has the first lines of the compiler's messages.
+    """
 
 
 @dataclass(slots=True)
 class Built:
-    """A loaded kernel, with a mark if it was verified."""
+    """A kernel loaded into this process. A mark in the cache shows that it has agreed with the
+    reference interpreter once.
+    """
 
     library: ctypes.CDLL
     _stored: StoredKernel
@@ -89,26 +93,28 @@ class Built:
 
     @property
     def name(self) -> str:
-        """The name of its file in the cache, without the suffix."""
+        """The hash that is the name of its file in the cache, without the suffix."""
         return self._stored.key
 
     @property
     def is_checked(self) -> bool:
-        """True if this kernel was compared with the interpreter."""
+        """True if this kernel, now or in an earlier process, agreed with the reference
+        interpreter.
+        """
         self._checked = self._checked or self._stored.is_checked(self._digest)
         return self._checked
 
     def mark_checked(self) -> None:
-        """Stores that the comparison succeeded."""
+        """Stores in the cache that the kernel agreed with the reference interpreter."""
         self._checked = True
         self._stored.mark_checked(self._digest)
 
 
 def compiled_kernel(source: str, *, on_lanes: bool = False, briefly: bool = False) -> Built:
-    """Loads the kernel of a source; compiles it first if it is not cached.
-
-    `briefly` selects fast compilation for code that runs shortly. The kernel is stored in the first
-    trusted folder with room. Raises CompilerMissingError and KernelBuildError.
+    """Loads the kernel of a C source from the cache, or compiles it and stores it there. `on_lanes`
+    selects the compiler flags for functions on SIMD vectors, `briefly` fast compilation (-O0) for
+    code that is called some hundred times. The cache is the first trusted folder with room. Raises
+    CompilerMissingError and KernelBuildError.
     """
     compiler = find_compiler()
     command = (*compiler, *kernel_flags(compiler, on_lanes=on_lanes, briefly=briefly))
@@ -140,7 +146,10 @@ def compiled_kernel(source: str, *, on_lanes: bool = False, briefly: bool = Fals
 def kernel_flags(
     compiler: tuple[str, ...], *, on_lanes: bool, briefly: bool = False
 ) -> tuple[str, ...]:
-    """The flags for building kernels with this compiler. Raises CompilerMissingError."""
+    """The flags for building kernels with this compiler command. `on_lanes` selects those for
+    functions on SIMD vectors, `briefly` -O0. Raises CompilerMissingError if the compiler does not
+    answer to `--version` in time.
+    """
     if briefly:
         return (*BRIEF, *FLAGS)
     # gcc has many names, and other compilers use its name, but not its copyright
@@ -156,7 +165,10 @@ def _loaded(stored: StoredKernel, build: Callable[[Path, Path], None]) -> Built:
 def _compile(
     compiler: tuple[str, ...], command: tuple[str, ...], source: str, library: Path, folder: Path
 ) -> None:
-    """Compiles a source. Raises OSError if the folder is the problem."""
+    """Compiles a source to the file `library`. `folder` may be used for temporary files. Raises
+    KernelBuildError for a rejected source, CompilerMissingError if the compiler fails on every
+    source or is too slow, OSError for a full folder.
+    """
 
     def run(text: str) -> Finished:
         reading = ["-o", str(library), "-x", "c", "-", "-lm"]
@@ -179,7 +191,9 @@ def _version(compiler: tuple[str, ...]) -> str:
 
 @cache
 def _told(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
-    """The output of `--version`, cached while the compiler's file does not change."""
+    """The output of `--version` of a compiler, cached while its executable does not change. `file`
+    identifies the executable.
+    """
     del file
     return _ended(compiler, [*compiler, "--version"]).output
 
@@ -195,7 +209,9 @@ def _ended(
 
 @cache
 def _processor() -> str:
-    """The model and features of the processor, which -march=native depends on."""
+    """Text that identifies the model and instruction sets of the processor, which `-march=native`
+    depends on.
+    """
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -222,7 +238,9 @@ _SECONDS = 30.0
 
 @dataclass(frozen=True, slots=True)
 class KernelDescription:
-    """The compiler and the processor features of kernels on this machine."""
+    """The compiler with which kernels are built on this machine (`compiler` is name and version),
+    its flags, and the processor features that it uses.
+    """
 
     compiler: str
     command: str
@@ -231,12 +249,16 @@ class KernelDescription:
 
     @property
     def fuses(self) -> bool:
-        """True if a·b + c is one instruction, so that bits equal those of other such processors."""
+        """True if the processor computes a·b + c with one rounding, so that kernels give the same
+        bits as on other such processors.
+        """
         return not _FUSE.isdisjoint(self.features)
 
 
 def kernel_description() -> KernelDescription | None:
-    """The description; None without a working compiler."""
+    """The compiler and processor features of kernels on this machine; None without a working
+    compiler.
+    """
     try:
         compiler = find_compiler()
         told = _macros(compiler, installed_as(compiler))
@@ -257,8 +279,9 @@ def kernel_description() -> KernelDescription | None:
 
 @cache
 def _macros(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
-    """The macros of the compiler with the flags of kernels, cached while its file does not
-    change.
+    """The predefined macros of the compiler with the flags of kernels, as `#define` lines, cached
+    while its executable does not change. `file` identifies the executable. Raises
+    CompilerMissingError, CompilerTooSlowError and OSError.
     """
     del file
     command = [*compiler, *kernel_flags(compiler, on_lanes=True), "-dM", "-E", "-x", "c", "-"]

@@ -37,7 +37,10 @@ KEPT_BYTES = 32 << 20
 
 @dataclass(frozen=True, slots=True)
 class Losses:
-    """Σ and count of every loss, and ∂(weighted total)/∂(physical parameters), flat."""
+    """The losses of some rollouts: for each loss the sum of its cost over scored elements and their
+    count, both (losses,). `gradient` is ∂(weighted total)/∂(physical parameters), flat; 0 if not
+    requested.
+    """
 
     sums: FloatArray
     counts: FloatArray
@@ -55,10 +58,12 @@ def _source_of_losses(program: Program, dtype: Dtype) -> KernelSource:
 
 
 class Kernel:
-    """A program with closed loops, compiled for this machine. Raises CompilerMissingError.
-
-    Without `slopes` it computes losses only, which compiles much faster. `lbfgs` selects that
-    optimiser, otherwise the kernel contains the others.
+    """A training kernel: a program with closed loops, compiled for this machine. It uses up to
+    `threads` threads. Each stores a whole rollout for the reverse loop in at most `kept_bytes`
+    bytes; of a longer one it recomputes parts. A `reproducible` kernel gives the same bits on
+    processors without fused multiplication and addition. Without `slopes` it computes losses only,
+    which compiles much faster. With `lbfgs` it contains only that optimiser, otherwise the others.
+    Raises CompilerMissingError and KernelBuildError.
     """
 
     def __init__(
@@ -96,22 +101,24 @@ class Kernel:
 
     @property
     def step(self) -> TrainingStep:
-        """The compiled training step, for the interpreter."""
+        """The graphs of the training step that the kernel implements, to compare it with the
+        interpreter.
+        """
         return training_step(self.program) if self.slopes else losses_alone(self.program)
 
     def groups(self, starts: Rows, steps: Rows | int) -> Groups:
-        """Lane groups of rollouts that start at rows `starts`; the rollouts of a group have
-        equal length.
+        """Lane groups of rollouts of `steps` steps (one number, or one for each) from the rows
+        `starts`. All rollouts of a group have the same length.
         """
         return self.batches(starts, steps, len(starts))[0]
 
     def batches(
         self, starts: Rows, steps: Rows | int, size: int, members: Rows | None = None
     ) -> tuple[Groups, Rows]:
-        """Groups of consecutive batches of `size` rollouts, and the bounds that `train` needs.
-
-        `steps` is one integer if all rollouts have the same length. `members` lists the rollouts in
-        the order of the batches; by default all of them in order.
+        """Splits rollouts into batches of `size` and these into lane groups. Returns all groups,
+        and `bounds`: batch i is groups[bounds[i]:bounds[i+1]]. Rollout k begins at row `starts[k]`
+        and has `steps` or `steps[k]` steps. `members` lists the rollouts in the order of the
+        batches; by default all of them in order.
         """
         if members is None:
             members = np.arange(len(starts), dtype=np.int64)
@@ -141,7 +148,7 @@ class Kernel:
         return groups, bounds
 
     def shuffled(self, count: int, key: int) -> Rows:
-        """A permutation of 0 … count−1 that a 64-bit key determines."""
+        """A random permutation of 0 … count−1 that the 64-bit integer `key` determines."""
         order = np.empty(count, np.int64)
         self._library.msnn_shuffled(ctypes.c_uint64(key), ctypes.c_int64(count), pointer(order))
         return order
@@ -152,12 +159,15 @@ class Kernel:
         skip: int = 0,
         scored: Mapping[str, NDArray[np.bool_]] | None = None,
     ) -> KernelData:
-        """The logs in the memory layout of the kernel."""
+        """The series (rows, *shape) by name of signal in the memory layout of the kernel. The first
+        `skip` steps of a rollout do not count in losses. `scored` are masks (rows,) by name of
+        loss: True where the row counts; by default all rows.
+        """
         return KernelData(self.source, self.dtype, series, skip, scored)
 
     def _work(self, groups: Groups, largest: int) -> WorkStruct:
-        """The working memory of a call whose batches have at most `largest` groups; later calls
-        reuse it.
+        """The working memory of a call whose batches have at most `largest` groups. The memory is
+        kept and used again by later calls.
         """
         steps = int(groups["steps"].max())
         # calls of a training are similar: the size is computed once
@@ -185,10 +195,10 @@ class Kernel:
         gradient: bool = True,
         ranks: Ranks | None = None,
     ) -> Losses:
-        """Losses of the groups, and the gradient of their weighted total if requested.
-
-        With `ranks`, each process computes a part and all get the total, bit-identical to a single
-        process.
+        """The losses of the rollouts in `groups` on `data`, and if requested the gradient of Σ
+        weight·loss. `physical` are the physical parameters, flat; `weights` has one number per
+        loss. With `ranks`, each process computes a part and all get the total, with the same bits
+        as in a single process. Raises the exceptions of `ranks`.
         """
         count = len(self.source.losses)
         sums, counts = np.zeros(count), np.zeros(count)
@@ -226,13 +236,14 @@ class Kernel:
         *,
         ranks: Ranks | None = None,
     ) -> tuple[int, FloatArray, FloatArray]:
-        """Runs batches `groups[bounds[i]:bounds[i+1]]` in order, with an optimiser step after each.
+        """Runs batches `groups[bounds[i]:bounds[i+1]]` in order, and after each an optimiser step,
+        which changes `variables`. `weights` has one number per loss. With `ranks`, each process
+        computes a part of every batch, and all take the same step; their exceptions are raised
+        here.
 
-        With `ranks`, each process computes a part of every batch, and all take the same step.
-
-        Returns the number of finite batches (all, unless one stopped it), and the sums and counts
-        of their losses. These are added batch by batch to `before`, so the bits do not depend on
-        how an epoch is split into calls.
+        Returns the number of batches done (all, unless a non-finite one stopped it), and the sums
+        and counts of their losses. These are added batch by batch to `before`, so the bits do not
+        depend on how an epoch is split into calls.
         """
         # the C code adds in place, so `before` is copied
         sums, counts = (one.copy() for one in before or (np.zeros(len(self.source.losses)),) * 2)
@@ -263,7 +274,10 @@ class Kernel:
         rates: Mapping[str, float],
         known: KnownTerms | None = None,
     ) -> Variables:
-        """The optimiser variables at these weights; learned ones on a bound are moved off it."""
+        """The optimiser's variables, starting at these weights (physical arrays by name). `rates`
+        are learning rates by parameter; one without a rate is fixed. `known` are priors and
+        penalties. A learned value on a bound is moved off it.
+        """
         made = Variables(
             program=self.program,
             dtype=self.dtype,
@@ -277,13 +291,17 @@ class Kernel:
         return made
 
     def fill_in_physical(self, variables: Variables) -> None:
-        """Computes the physical values of the raw variables that move."""
+        """Computes the physical values from the raw variables, in place. Variables that have not
+        changed keep the exact values that they began with.
+        """
         self._library.msnn_physical(ctypes.byref(variables.addresses))
         variables.keep_given()
 
 
 def _handed(work: WorkStruct, ranks: Ranks | None) -> HandedSums | None:
-    """Stores the rank in the call's memory; the result must outlive the call."""
+    """Writes rank and number of processes into the working memory of a call. Returns the callback
+    that exchanges sums, None for a single process; it must live until the call has ended.
+    """
     if ranks is None:
         work.rank, work.ranks, work.hand_on = 0, 1, None
         return None
@@ -297,7 +315,9 @@ Sums = NDArray[np.uint8]
 
 
 class Ranks(Protocol):
-    """The processes of one training; this process is one of them."""
+    """The processes that share one training. A sum over all of them goes from rank to rank: each
+    receives that of the ranks before it, adds its own, and hands it on.
+    """
 
     @property
     def rank(self) -> int:
@@ -310,17 +330,21 @@ class Ranks(Protocol):
         ...
 
     def receive(self, sums: Sums) -> None:
-        """Replaces `sums` by those of the previous rank; the first rank keeps its own."""
+        """Waits for the sums of the previous rank and writes them over `sums`, in place; the first
+        rank keeps its own.
+        """
         ...
 
     def hand_on(self, sums: Sums) -> None:
-        """Sends sums to the next rank and replaces them by those of the last rank."""
+        """Sends `sums` to the next rank and then replaces them, in place, by those of the last
+        rank, which are the total.
+        """
         ...
 
 
 class HandedSums:
-    """Lets a running kernel exchange sums with other ranks; keeps exceptions until the kernel has
-    returned.
+    """A C callback by which a running kernel exchanges sums with other ranks. An exception of
+    `ranks` ends the kernel early and is kept until `raise_failure`.
     """
 
     def __init__(self, ranks: Ranks) -> None:
@@ -331,7 +355,7 @@ class HandedSums:
         self.address = ctypes.cast(self._function, ctypes.c_void_p).value
 
     def raise_failure(self) -> None:
-        """Raises the exception that ended the kernel early, if any."""
+        """Raises the exception that ended the kernel early; does nothing if there is none."""
         if self._failure is not None:
             failure, self._failure = self._failure, None
             raise failure
@@ -352,7 +376,9 @@ class HandedSums:
 
 
 def added_by(ranks: Ranks, own: NDArray[Any]) -> NDArray[Any]:
-    """The sum of an array over all ranks, in their order: bit-identical on each rank."""
+    """The sum of the arrays `own` of all ranks, added in the order of ranks, so that each rank gets
+    the same bits.
+    """
     found = np.zeros_like(own)
     ranks.receive(found.reshape(-1).view(np.uint8))
     found += own

@@ -24,13 +24,14 @@ from backends.files.waiting import wait_until
 
 
 def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | None:
-    """The reason why others can change files of a folder; None if only this user and root can.
+    """A text with the reason why others could change files in a folder; None if only this user and
+    root can.
 
     `folder` exists and has no symbolic link in it (`os.path.realpath`). It and its parents must
     belong to the user or root and be closed to others. Parents with the sticky bit (`/tmp`) are
     allowed, since nobody can replace files of other users there; with `is_above` also the folder
-    itself. Raises OSError. Windows protects the user's profile by access lists, which are not
-    checked here.
+    itself. Raises NotADirectoryError and other OSErrors. Windows protects the user's profile by
+    access lists, which are not checked here: None.
     """
     if sys.platform == "win32":
         return None
@@ -49,7 +50,9 @@ def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | 
 
 
 def is_trusted_file(descriptor: int) -> bool:
-    """True if only this user or root can write the open file."""
+    """True if an open file, given by its descriptor, is a regular file that only this user or root
+    can write.
+    """
     # the open file, since its path may be another file by now
     found = os.fstat(descriptor)
     if sys.platform == "win32":
@@ -58,7 +61,9 @@ def is_trusted_file(descriptor: int) -> bool:
 
 
 def _stranger(found: os.stat_result) -> str | None:
-    """The owner of a file, as text, if it is neither this user nor root; otherwise None."""
+    """The name of the owner of a file (or `the user <id>`), if it is neither this user nor root;
+    otherwise None.
+    """
     if found.st_uid in (os.geteuid(), 0):
         return None
     import pwd  # of POSIX alone
@@ -76,7 +81,9 @@ def _others_may_write(found: os.stat_result) -> bool:
 
 
 def _is_group_of_the_user_alone(group: int) -> bool:
-    """True for the user's private group, as on systems with `umask 002`."""
+    """True if the group with this id has the user's name and no other member, as on systems that
+    create a private group for each user.
+    """
     import grp
     import pwd
 
@@ -93,7 +100,7 @@ def _is_group_of_the_user_alone(group: int) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A requested folder that cannot be used, and the reason."""
+    """A folder that cannot store kernels, and the reason as text."""
 
     folder: Path
     reason: str
@@ -103,7 +110,9 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class KernelFolder:
-    """The folder for kernels, and the reason why it is not the requested one."""
+    """The folder that stores kernels. If it is not the requested one, `refused` has the reason,
+    otherwise None.
+    """
 
     path: Path | None
     """None if no folder works; kernels are then built in a temporary folder."""
@@ -111,13 +120,17 @@ class KernelFolder:
 
 
 def cache_folder() -> Path:
-    """The requested folder: MSNN_CACHE, otherwise the user's cache folder."""
+    """The folder that the user requests for kernels: environment variable MSNN_CACHE, otherwise the
+    usual cache folder. It need not exist.
+    """
     given = os.environ.get("MSNN_CACHE")
     return Path(given) if given else _folder_of_the_user()
 
 
 def kernel_folder() -> KernelFolder:
-    """The folder that stores new kernels."""
+    """The first of the candidates that is trusted and has room, and the reason why the requested
+    one was refused. Creates missing folders.
+    """
     first: Refusal | None = None
     for folder in candidates():
         refused = _refusal(folder)
@@ -129,14 +142,15 @@ def kernel_folder() -> KernelFolder:
 
 
 def candidates() -> Iterator[Path]:
-    """Folders for kernels, best first."""
+    """Folders for kernels, best first: the requested one, the user's cache folder, a temporary
+    one.
+    """
     yield from dict.fromkeys((cache_folder(), _folder_of_the_user(), _temporary_folder()))
 
 
 def opened(folder: Path) -> tuple[Path, str | None]:
-    """The folder without symbolic links, created if missing, and the reason why it is not trusted.
-
-    New folders are private to the user. Raises OSError.
+    """The path of the folder without symbolic links, and the reason why it is not trusted, None if
+    it is. A missing folder is created, private to the user. Raises OSError.
     """
     real = Path(os.path.realpath(folder))
     missing = [place for place in (real, *real.parents) if not place.exists()]
@@ -154,7 +168,9 @@ def opened(folder: Path) -> tuple[Path, str | None]:
 
 @cache
 def _had_room(folder: Path) -> None:
-    """Like `has_room`, but a success is remembered, since the test writes 1 MB. Raises OSError."""
+    """Raises OSError if the folder does not take a file of 1 MB. A success is remembered for this
+    process.
+    """
     has_room(folder)
 
 
@@ -196,7 +212,9 @@ _OF_KERNELS = re.compile(r"\.?(?:build-)?([0-9a-f]{32})[.-].*")
 
 @dataclass(frozen=True, slots=True)
 class KeptKernel:
-    """A kernel's files, their size in bytes, and the time of its latest use."""
+    """A kernel in the cache: its files, their total size in bytes, and the time of its latest use
+    in seconds since 1970.
+    """
 
     files: tuple[Path, ...]
     size: int
@@ -214,16 +232,15 @@ class CacheLimits:
 
 
 def kept_kernels(folder: Path) -> list[KeptKernel]:
-    """The kernels stored in a folder, most recently used first."""
+    """The kernels stored in a folder, most recently used first. Other files are ignored."""
     # MSNN_CACHE may be a folder with other libraries, which are neither counted nor removed
     keys = {path.stem for path in folder.glob("*.so") if _OF_KERNELS.fullmatch(path.name)}
     return sorted((_kernel(folder, key) for key in keys), key=lambda kernel: -kernel.used)
 
 
 def clean(folder: Path, limits: CacheLimits) -> Sequence[KeptKernel]:
-    """Removes kernels beyond the limits and files of killed processes; returns the removed kernels.
-
-    A kernel that another process has loaded stays in its memory.
+    """Removes kernels beyond the limits, and files left by killed processes. Returns the removed
+    kernels. A process that has loaded one can still use it. Raises OSError.
     """
     now, room = time.time(), _bytes(limits.megabytes)
     removed: list[KeptKernel] = []
@@ -261,7 +278,9 @@ def _kernel(folder: Path, key: str) -> KeptKernel:
 
 
 def _left_over(folder: Path, now: float) -> list[Path]:
-    """Remains of interrupted builds, and notes of removed kernels."""
+    """Files and folders that no kernel needs any more: of builds that were interrupted over an hour
+    before `now` (seconds), and notes of removed kernels.
+    """
     left: list[Path] = []
     for path in folder.iterdir():
         named = _OF_KERNELS.fullmatch(path.name)
@@ -282,11 +301,10 @@ _WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 @contextmanager
 def locked(path: Path, limit: float) -> Generator[None]:
-    """Holds the lock file `path` and removes it afterwards; waits at most `limit` seconds.
-
-    After the limit, on Windows, or on a file system without locks, the block runs anyway. The
-    result is renamed into place atomically, so that two builders only duplicate work. Raises
-    OSError if no file can be created.
+    """Holds a lock on the file `path` while the block runs, and removes the file afterwards. Waits
+    at most `limit` seconds; after that, on Windows, or on a file system without locks, the block
+    runs anyway. That is safe, as the result is renamed into place atomically: two builders only
+    duplicate work. Raises OSError if the file cannot be created.
     """
     if sys.platform == "win32":
         yield
@@ -337,33 +355,36 @@ else:
 
 @dataclass(frozen=True, slots=True)
 class StoredKernel:
-    """A kernel, by its key, in a trusted folder."""
+    """The files of one kernel in a trusted folder. `key` is the hash of source, flags, compiler and
+    processor. The files need not exist.
+    """
 
     folder: Path
     key: str
 
     @property
     def library(self) -> Path:
-        """The shared library."""
+        """The path of the shared library."""
         return self.folder / f"{self.key}.so"
 
     @property
     def digest(self) -> Path:
-        """The file with the hash of the library's bytes, written after the library."""
+        """The path of the file with the SHA-256 of the library's bytes, which is written after the
+        library.
+        """
         return self.folder / f"{self.key}.sha256"
 
     @property
     def seal(self) -> Path:
-        """The path of the file that says that a kernel with these bytes agrees with the
+        """The path of the file with the SHA-256 of a library that agreed with the reference
         interpreter.
         """
         return self.folder / f"{self.key}.checked"
 
     def whole(self) -> str | None:
-        """The hash of the library if it equals the stored hash; otherwise None.
-
-        Loading a truncated or modified library could crash the process. Files that others can write
-        do not count.
+        """The SHA-256 of the library if it equals the stored one; otherwise None. Loading a
+        truncated or modified library could crash the process. Files that others can write count as
+        missing.
         """
         noted, bytes_ = _read(self.digest), _read(self.library)
         if noted is None or bytes_ is None:
@@ -372,17 +393,18 @@ class StoredKernel:
         return found if noted == found.encode() else None
 
     def load(self) -> ctypes.CDLL:
-        """Loads the library. Raises OSError if the system refuses it."""
+        """Loads the library into this process and notes its use. Raises OSError if the system
+        refuses it.
+        """
         with suppress(OSError):  # a read-only folder
             if time.time() - self.digest.stat().st_mtime > _A_DAY:
                 os.utime(self.digest)  # time of latest use, for `clean`
         return ctypes.CDLL(str(self.library))
 
     def built(self, build: Callable[[Path, Path], None]) -> str:
-        """Builds the library unless another process did meanwhile; returns its hash.
-
-        `build(library, folder)` creates the library and may use the folder. Raises its exceptions,
-        and OSError if the folder accepts no files.
+        """Builds the library unless another process did meanwhile; returns its SHA-256.
+        `build(library, folder)` writes the file `library` and may use the folder for others. Raises
+        the exceptions of `build`, and OSError if the folder accepts no files.
         """
         with locked(self.folder / f"{self.key}.lock", 2 * compiler_limit()):
             # checked again under the lock: the previous holder has probably built it
@@ -405,17 +427,21 @@ class StoredKernel:
             return found
 
     def is_checked(self, digest: str) -> bool:
-        """True if the library with this hash was verified."""
+        """True if a library with this SHA-256 agreed with the reference interpreter."""
         return _read(self.seal) == digest.encode()
 
     def mark_checked(self, digest: str) -> None:
-        """Marks the library with this hash as verified, if the folder is writable."""
+        """Notes that the library with this SHA-256 agreed with the reference interpreter; does
+        nothing if the folder is not writable.
+        """
         with suppress(OSError):
             _write(self.seal, digest.encode())
 
 
 def _read(path: Path) -> bytes | None:
-    """The bytes of a file that only this user can write, or None."""
+    """The bytes of a regular file that only this user or root can write; None for other, missing or
+    unreadable files.
+    """
     try:
         descriptor = os.open(path, os.O_RDONLY | _ALONE)
     except OSError:
@@ -428,7 +454,9 @@ def _read(path: Path) -> bytes | None:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Writes the bytes to disk, renames the file into place, and syncs the folder."""
+    """Writes bytes to a file so that it has either its old or its new content, also after a power
+    failure. Raises OSError.
+    """
     with replacing(path, takes_streams=False) as temporary:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | _ALONE, 0o600)
         with open(descriptor, "wb") as file:  # noqa: PTH123  (there is a descriptor, not a path)

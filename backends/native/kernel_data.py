@@ -16,7 +16,11 @@ FloatArray = NDArray[np.float64]
 
 
 class KernelData:
-    """Series and masks of scored rows, kept alive for the kernel's pointers."""
+    """The data of rollouts as the kernel reads them. `series` are (rows, *shape) by name of signal.
+    The first `skip` steps of a rollout do not count in losses. `scored` are masks (rows,) by name
+    of loss; None means that all rows count. `problem` is the C struct; it points into arrays that
+    this object keeps alive. `missing` is True if the count of scored elements depends on the rows.
+    """
 
     def __init__(
         self,
@@ -45,10 +49,9 @@ class KernelData:
         )
 
     def write(self, series: Mapping[str, FloatArray]) -> None:
-        """Overwrites the values of series in place, in the arrays that the kernel reads.
-
-        Other series than those of the kernel are ignored. Arrays that the kernel shares with their
-        owner change there too, so they must have no other user.
+        """Overwrites series (rows, *shape) by name in place, in the arrays that the kernel reads.
+        Names that the kernel does not read are ignored. An array may be shared with the caller who
+        gave it, and then changes for the caller too.
         """
         for name, values in series.items():
             if name in self._names:
@@ -60,9 +63,8 @@ _ALIGNMENT = 64
 
 
 class ProblemStruct(ctypes.Structure):
-    """The data of a kernel call: series, scored rows, skipped steps.
-
-    `struct problem` of templates/native/driver.c.
+    """The C struct `problem` of templates/native/driver.c: series, number of rows, masks of scored
+    rows, number of first steps that do not count in losses.
     """
 
     # ctypes uses the platform's ABI: order and widths must agree with the C code
@@ -75,9 +77,8 @@ class ProblemStruct(ctypes.Structure):
 
 
 class VariablesStruct(ctypes.Structure):
-    """The parameters of an optimiser: raw and physical values, bounds, learning rates, moments.
-
-    `struct variables` of templates/native/variables.c.
+    """The C struct `variables` of templates/native/variables.c: addresses of raw and physical
+    values, bounds, scales, learning rates and the optimiser's moments, one element per variable.
     """
 
     _fields_ = tuple(
@@ -87,9 +88,8 @@ class VariablesStruct(ctypes.Structure):
 
 
 class KnownStruct(ctypes.Structure):
-    """The priors of parameters, and the penalties on their magnitudes and norms.
-
-    `struct known` of templates/native/known.c.
+    """The C struct `known` of templates/native/known.c: addresses of the priors of parameters, and
+    of the penalties on magnitudes and on norms of slices.
     """
 
     _fields_ = (
@@ -105,9 +105,8 @@ class KnownStruct(ctypes.Structure):
 
 
 class CurvatureStruct(ctypes.Structure):
-    """The memory of L-BFGS: the latest pairs of a step and its change of the gradient.
-
-    `struct curvature` of templates/native/lbfgs.c.
+    """The C struct `curvature` of templates/native/lbfgs.c, the memory of L-BFGS: its latest pairs
+    of a step and the change of the gradient along it.
     """
 
     _fields_ = (
@@ -125,9 +124,8 @@ class CurvatureStruct(ctypes.Structure):
 
 
 class OptimizerStruct(ctypes.Structure):
-    """The method, settings and step counts of an optimiser.
-
-    `struct optimizer` of templates/native/optimizers.c.
+    """The C struct `optimizer` of templates/native/optimizers.c: method, constants and step
+    counts.
     """
 
     _fields_ = (
@@ -148,9 +146,8 @@ class OptimizerStruct(ctypes.Structure):
 
 
 class WorkStruct(ctypes.Structure):
-    """The working memory of a call, its threads, and its rank among processes.
-
-    `struct work` of templates/native/batches.c.
+    """The C struct `work` of templates/native/batches.c: working memory of a call, number of
+    threads, rank of this process.
     """
 
     _fields_ = (
@@ -166,18 +163,24 @@ class WorkStruct(ctypes.Structure):
 
 
 def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
-    """The address of the first element; the array must outlive its use."""
+    """The address of the first element, as an argument of a C function. The caller must keep the
+    array alive while C uses it.
+    """
     return ctypes.c_void_p(array.ctypes.data)
 
 
 def pointers(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
-    """The addresses of several arrays, as a C array."""
+    """A C array of the addresses of the arrays' first elements. The caller must keep the arrays
+    alive.
+    """
     # at least one: C has no empty arrays
     return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
 
 
 def aligned(size: int) -> NDArray[np.uint8]:
-    """`size` bytes, aligned for vectors."""
+    """An array of `size` bytes, all 0, whose address is a multiple of 64 as vector instructions
+    need.
+    """
     raw = np.zeros(size + _ALIGNMENT, np.uint8)
     # numpy aligns to 16 bytes only: vector loads would fault or be slow
     offset = -raw.ctypes.data % _ALIGNMENT
@@ -194,7 +197,9 @@ LANES = {"float32": 16, "float64": 8}
 
 
 def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """`struct group` of the kernels: steps, start rows, and a mask of used lanes."""
+    """`struct group` of the kernels as a numpy dtype: number of steps, start row of each lane, and
+    a mask of used lanes (-1 used, 0 unused). `dtype` is that of the kernel's reals.
+    """
     # mask elements have the size of the reals
     truth = np.int32 if dtype.itemsize == 4 else np.int64
     fields = [("steps", np.int64), ("start", np.int64, (lanes,)), ("used", truth, (lanes,))]
@@ -204,12 +209,15 @@ def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:
 def lane_groups(
     type: np.dtype[Any], starts: Rows, steps: Rows, sizes: Sequence[int]
 ) -> tuple[Groups, Rows]:
-    """Groups of batches of `sizes` rollouts, and the bounds of each batch among the groups.
-
-    Rollout i starts at row `starts[i]` and has `steps[i]` steps; within a batch the longest come
-    first. Unused lanes repeat the last rollout of their group and are marked as unused.
+    """Splits rollouts into lane groups of equal length; returns the groups and `bounds`. The first
+    `sizes[0]` rollouts are batch 0, and so on; batch i is groups[bounds[i]:bounds[i+1]]. Rollout k
+    starts at row `starts[k]` and has `steps[k]` steps; within a batch the longest come first.
+    Unused lanes repeat the last rollout of their group and are marked as unused. `type` is that of
+    `group_type`.
     """
     lanes = type["start"].shape[0]
+    if len(sizes) == 1 and (steps == steps[:1]).all():
+        return _equal_groups(type, starts, int(steps[0]))
     batch = np.repeat(np.arange(len(sizes)), sizes)
     # the last key is the primary one: by batch, then by descending length
     order = np.lexsort((-steps, batch))
@@ -231,3 +239,23 @@ def lane_groups(
     groups["used"] = -(within < members_there).reshape(-1, lanes).astype(int)
     ends = np.cumsum(np.bincount(np.repeat(batch[begins], count), minlength=len(sizes)))
     return groups, np.concatenate([[0], ends])
+
+
+def _equal_groups(type: np.dtype[Any], starts: Rows, steps: int) -> tuple[Groups, Rows]:
+    """The lane groups of one batch of rollouts that begin at the rows `starts` and all have `steps`
+    steps, in their order, and the bounds [0, number of groups]. There may be as many rollouts as
+    rows of the data, so no other array is made.
+    """
+    lanes = type["start"].shape[0]
+    groups = np.zeros(-(-len(starts) // lanes), type)
+    whole = len(starts) // lanes
+    groups["steps"] = steps
+    groups["start"][:whole] = starts[: whole * lanes].reshape(-1, lanes)
+    # −1 has all bits set, like the result of a vector comparison
+    groups["used"] = -1
+    if whole < len(groups):
+        rest = starts[whole * lanes :]
+        groups["start"][whole] = rest[-1]
+        groups["start"][whole, : len(rest)] = rest
+        groups["used"][whole, len(rest) :] = 0
+    return groups, np.array([0, len(groups)], np.int64)

@@ -25,9 +25,7 @@ from compiler.ir.types import Axis
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """A formal argument of a C function, and the C expression that the loop over time passes for
-    it.
-    """
+    """An argument of a C function, and the C expression that the loop over time passes for it."""
 
     argument: Argument
     value: str
@@ -35,7 +33,7 @@ class Passed:
 
 @dataclass(frozen=True, slots=True)
 class ModelFunction:
-    """A C function of the model, and the C expressions that its caller passes as arguments."""
+    """A C function of the model, and the C expressions that its caller passes, one per argument."""
 
     function: Function
     values: tuple[str, ...]
@@ -43,8 +41,8 @@ class ModelFunction:
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """Further values that the step stores: their nodes with their places, and the C array that
-    holds them.
+    """Values of the step that its C function also writes to an array: the name of the array (empty
+    if there is none), and for each node its place in it.
     """
 
     array: str = ""
@@ -52,7 +50,10 @@ class Stored:
 
 
 class ModelFunctions:
-    """Writes the C functions of a program's kernel: its start and step, and their adjoints."""
+    """Writes the C functions of a training kernel that depend on the model: start, step, their
+    reverse, and sums before and after the loops over time. `functions` collects the helpers that
+    they call; `stored` are additional results of the step.
+    """
 
     def __init__(
         self, memory: LaneMemory, functions: FunctionTable, stored: Stored | None = None
@@ -77,8 +78,8 @@ class ModelFunctions:
         return self._made(writer, "kernel_start", self._common(""), "States at t0.")
 
     def ahead(self) -> ModelFunction:
-        """The C function that computes, before the loop over time, values that do not depend on
-        states.
+        """The C function that runs before the loop over time: computes, for all times, sums of
+        products of recorded samples, which do not depend on states.
         """
         writer = LaneWriter(self._memory, self._memory.program.step, self._functions)
         for node in self._memory.phases.ahead:
@@ -106,8 +107,8 @@ class ModelFunctions:
         sums.write(writer.scope, store)
 
     def step(self) -> ModelFunction:
-        """The C function of one step forward: states at t+1, loss terms, and values for the reverse
-        step.
+        """The C function of one step forward: computes states at t+1 and terms of losses, and
+        stores values that the reverse step needs.
         """
         memory, step = self._memory, self._memory.step
         writer = LaneWriter(memory, self._forward, self._functions)
@@ -151,8 +152,8 @@ class ModelFunctions:
         return self._made(writer, "kernel_step", passed, "One step forward.")
 
     def reverse_step(self) -> ModelFunction:
-        """The C function of one step backward: adjoints at t from those at t+1, and terms of
-        gradients.
+        """The C function of one step backward: adjoints of states at t from those at t+1. It also
+        adds terms to the gradients of parameters.
         """
         memory, phases = self._memory, self._memory.phases
         writer = LaneWriter(memory, self._reverse, self._functions)
@@ -193,10 +194,9 @@ class ModelFunctions:
         return self._made(writer, "kernel_reverse_step", passed, "Adjoints at t from those at t+1.")
 
     def after(self) -> ModelFunction:
-        """The C function, run after the reverse loop, that adds gradients which are sums of
-        products over time.
-
-        A product that is stored in rows can be a factor of another; its own factors are stored too.
+        """The C function that runs after the reverse loop: adds those gradients of parameters that
+        are sums of products over time. A product that is stored in rows can be a factor of another;
+        its own factors are stored too.
         """
         writer = LaneWriter(self._memory, self._after, self._functions)
         for late in self._memory.phases.late:
@@ -224,7 +224,7 @@ class ModelFunctions:
         sums.write(writer.scope, store)
 
     def reverse_start(self) -> ModelFunction:
-        """The C function that adds the gradients of parameters through the states at t0."""
+        """The C function that adds the gradients of parameters on which the states at t0 depend."""
         reverse = self._memory.step.reverse_start
         writer = LaneWriter(self._memory, reverse.graph, self._functions)
         gradients = reverse.gradients.parameters
@@ -237,7 +237,9 @@ class ModelFunctions:
     # ---- arguments
 
     def _common(self, at: str) -> list[Passed]:
-        """Parameters, logs, tapes, states and rows; `at` is the time, empty for t0."""
+        """The arguments of all functions: parameters, logs, buffers, plain states and rows over
+        time. `at` is the C variable of the time by which the pointers advance, empty at t0.
+        """
         memory = self._memory
 
         def row(type: str, name: str, size: int) -> Passed:
@@ -252,7 +254,11 @@ class ModelFunctions:
         return found
 
     def _adjoints(self, at: str, after: str) -> list[Passed]:
-        """Like `_common`, plus adjoints: of tapes at t, of plain states at t and t+1."""
+        """The arguments of reverse functions: all arguments of forward functions at the time `at`,
+        the adjoints of buffers and plain states at `at`, and the gradient. Also the adjoints of
+        plain states at `after`, the C expression of t+1. `at` and `after` are empty for the start,
+        which has no earlier adjoints.
+        """
         found = self._common(at)
         for tape in self._memory.buffers.values():
             name = f"d_{tape.name}"
@@ -284,13 +290,15 @@ def _horizon() -> Passed:
 
 
 def _sizes(graph: Graph, node: Node) -> dict[str, int]:
-    """Sizes of all axes of the operands of a node."""
+    """The sizes of all axes of a node's operands, by name of axis."""
     axes: list[Axis] = [axis for arg in node.args for axis in graph[arg].type.axes]
     return {axis.name: axis.size for axis in axes}
 
 
 def _parts(graph: Graph, node: NodeId, target: ArrayView) -> list[tuple[NodeId, ArrayView]]:
-    """Splits a sum by its targets: a concatenation part by part, without zero parts."""
+    """Splits the addition of a node to the place `target` into (node, place) pairs: a concatenation
+    is added part by part, and parts that are structural zeros are left out.
+    """
     # gradients of slices are padded with zeros, which need not be added
     if is_zero(graph, node):
         return []

@@ -32,7 +32,9 @@ PREFIX = "msnn"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KernelSource:
-    """C source, and the order of its arrays of signals and parameters."""
+    """The C source of a kernel, and the names of signals, parameters and losses in the order of its
+    arrays.
+    """
 
     text: str
     signals: tuple[str, ...]
@@ -48,7 +50,9 @@ class KernelSource:
 
 
 class LaneFunctions(FunctionTable):
-    """Calls lane versions of functions; the prelude defines those without a kernel."""
+    """The table of C functions that a kernel calls, in their versions on SIMD vectors. A function
+    without a math kernel is in the prelude, as `lane_<name>`.
+    """
 
     def apply(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
         kernel = SCALAR_FUNCTIONS[function].kernel
@@ -61,10 +65,10 @@ class LaneFunctions(FunctionTable):
 def kernel_source(
     step: TrainingStep, dtype: Dtype, *, reproducible: bool = False, lbfgs: bool = False
 ) -> KernelSource:
-    """The kernel of one program with closed loops.
-
-    A `reproducible` kernel emulates fused operations on processors without them. `lbfgs` includes
-    only that optimiser; other kernels omit it, since it takes gcc 0.08 s.
+    """The source of the kernel that computes losses and gradients of a training step and contains
+    optimisers. A `reproducible` kernel emulates a·b + c with one rounding on processors without
+    that instruction. With `lbfgs` it contains only that optimiser; other kernels omit it, since it
+    takes gcc 0.08 s.
     """
     takes_known = _has_known(step.program)
     training = _training(step.program, takes_known=takes_known, lbfgs=lbfgs)
@@ -74,7 +78,9 @@ def kernel_source(
 
 
 def losses_source(step: TrainingStep, dtype: Dtype) -> KernelSource:
-    """The same without optimisers, which take as long to compile as the losses of a small model."""
+    """The source of a kernel without optimisers, for the losses of a training step only. Optimisers
+    take as long to compile as the losses of a small model.
+    """
     return _source(step, dtype, ())
 
 
@@ -84,9 +90,8 @@ def _has_known(program: Program) -> bool:
 
 
 def _training(program: Program, *, takes_known: bool, lbfgs: bool) -> tuple[str, ...]:
-    """The optimisers; bounds and priors are included only if the program has such.
-
-    Both take gcc an eighth of its time for a small model.
+    """The C texts of the optimisers. Code for bounds and for priors is included only if the program
+    has such, as each takes gcc an eighth of its time for a small model.
     """
     bounded = any(p.minimum is not None or p.maximum is not None for p in program.parameters)
     # the mapping from raw to bounded physical values is always in double precision
@@ -138,7 +143,9 @@ def whole_source(
     tables: Sequence[str],
     loops: Sequence[str],
 ) -> KernelSource:
-    """Joins prelude, math, tables, model functions and loops to one source."""
+    """Joins prelude, math kernels, `tables`, the model's functions `made` (by name) and the texts
+    `loops` to one C source.
+    """
     printer = LanePrinter(PREFIX, dtype)
     losses = memory.step.losses
     parts = [
@@ -173,7 +180,7 @@ def _text(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ArrayRows:
-    """One array over time, for a group."""
+    """A C array over time for one vector of rollouts, with `elements` values per row."""
 
     name: str
     elements: int
@@ -184,7 +191,9 @@ class ArrayRows:
 
 
 def forward_arrays(memory: LaneMemory) -> dict[str, list[ArrayRows]]:
-    """The arrays over time that the forward functions use."""
+    """Variables of the templates of loops: the arrays over time of logs, of states and of stored
+    nodes (`rows`), each as a list.
+    """
     return {
         "logs": [
             # a log has rows before the first step for the past and after the last for previews
@@ -200,7 +209,9 @@ def forward_arrays(memory: LaneMemory) -> dict[str, list[ArrayRows]]:
 
 
 def rendered(template: str, made: Mapping[str, ModelFunction], **values: object) -> str:
-    """Renders a loop template with calls of the model functions."""
+    """The C text of a template of loops. `made` are the model's functions by name: the template
+    calls them with `<name>_arguments`. `values` are its other variables.
+    """
     arguments = {f"{name}_arguments": ", ".join(one.values) for name, one in made.items()}
     loops = text_templates("native", strips=True).get_template(template)
     # the parts of a kernel are joined by line ends
@@ -215,11 +226,9 @@ _KEPT = 16
 
 
 def kept_source(write: Callable[P, Source]) -> Callable[P, Source]:
-    """Caches the latest results of a function, keyed by the text of its arguments.
-
-    Equality would confuse 0.0 with -0.0; the `repr` of a dataclass does not. The key omits facts
-    that do not affect the source, so programs that differ only in initial parameters share a
-    source.
+    """Decorator: caches the latest 16 results of a function that writes a source. The key is the
+    text of the arguments, as equality would confuse 0.0 with -0.0. It omits facts that do not
+    affect the source, so programs that differ only in initial parameters share one.
     """
     found: OrderedDict[bytes, Source] = OrderedDict()
 
@@ -245,7 +254,9 @@ def _argument_text(value: object) -> str:
 
 
 def _said(value: object) -> object:
-    """The argument of a cached function without the parts that do not affect the source."""
+    """An argument of a cached function without the parts that do not affect the source: spec hash
+    and initial values of some parameters.
+    """
     if isinstance(value, Program):
         return replace(value, parameters=tuple(map(_any_value, value.parameters)), spec_hash="")
     if isinstance(value, Sensitivities):
@@ -254,8 +265,8 @@ def _said(value: object) -> object:
 
 
 def _any_value(parameter: Parameter) -> Parameter:
-    """Removes the initial value of a learned bounded parameter; others affect the analysis of
-    derivatives.
+    """The parameter without its initial value, if it is learned and bounded. Other initial values
+    affect the analysis of derivatives and stay.
     """
     bounded = parameter.minimum is not None or parameter.maximum is not None
     return replace(parameter, initial=()) if parameter.learn and bounded else parameter

@@ -34,7 +34,9 @@ PARAMETERS = "theta"
 
 
 class LaneWriter:
-    """Writes one function; it also resolves the leaves of its graph to places in C."""
+    """Writes one C function of a kernel from a graph: collects statements in `scope`, and gives the
+    C places of the signals, states, parameters and adjoints that the graph reads.
+    """
 
     def __init__(self, memory: LaneMemory, graph: Graph, functions: FunctionTable) -> None:
         self.memory = memory
@@ -72,7 +74,9 @@ class LaneWriter:
                 assert_never(op)
 
     def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
-        """Stores the newest sample after the others, unless it is already there."""
+        """Writes the newest sample of the buffer of `op` to its row after the others, unless it was
+        computed there. Returns the place of the window with it.
+        """
         tape = self.memory.buffers[op.state]
         count = tape.last + 1
         row = self._now(tape.place(newest.shape, tape.last, None), tape.elements)
@@ -114,11 +118,13 @@ class LaneWriter:
         return adjoint_of(tape.place(type.shape, tape.last, None))
 
     def _now(self, place: ArrayView, elements: int) -> ArrayView:
-        """The place of the row for the function's time; rows have `elements` elements."""
+        """A place moved from the row that the function receives to that of the time `self.time`.
+        Rows have `elements` elements.
+        """
         return replace(place, offset=place.offset.plus(self.time.times(elements)))
 
     def state_place(self, state: State) -> ArrayView:
-        """The view of a state."""
+        """The place of a state at the time of the function, with all samples of a buffer."""
         return self._state(state.name, Type(state.axes))
 
     @staticmethod
@@ -131,7 +137,9 @@ class LaneWriter:
         return GraphLowering(self.graph, roots, self, self.scope, self.locals)
 
     def add_to(self, lowered: GraphLowering, node: NodeId, target: ArrayView) -> None:
-        """target += value, element by element."""
+        """Writes target += value of the node, element by element. `lowered` is the lowering that
+        has the node as a root.
+        """
         self._add_value(lowered.value(node), target)
 
     def _add_value(self, value: Value, target: ArrayView) -> None:
@@ -147,7 +155,9 @@ class LaneWriter:
         self.scope.each(target.shape, UNROLL, one)
 
     def collect(self, adjoint: LateAdjoint) -> None:
-        """Adds the contributions of later steps to the adjoint of a buffer's newest sample."""
+        """Writes statements that add the terms of one late adjoint, stored by the steps at later
+        times, to the adjoint of the buffer's newest sample.
+        """
         graph, tape = self.graph, self.memory.late_adjoints[adjoint]
         taps = GraphLowering(graph, [adjoint.taps], self, self.scope, self.locals).value(
             adjoint.taps
@@ -162,8 +172,8 @@ class LaneWriter:
         self._add_value(value, newest)
 
     def factors(self, product: Node) -> list[Factor]:
-        """The operands of a product or contraction, each as its places in arrays over time at times
-        0 and 1.
+        """The operands of a product or contraction as `Factor`s: each with its places in arrays
+        over time at times 0 and 1, whose distance is the stride.
         """
         args = product.args
         until = Graph(self.graph.nodes[: max(args) + 1])
@@ -201,6 +211,8 @@ def array(name: str, shape: tuple[int, ...], offset: Index | None = None) -> Arr
 
 
 def adjoint_of(place: ArrayView) -> ArrayView:
-    """The adjoint of a value in a tape: the same place in the tape of adjoints."""
+    """The place of the adjoints of values in a buffer: the same position in the C array with `d_`
+    in front of its name.
+    """
     assert isinstance(place.storage, Name)
     return ArrayView(Name(f"d_{place.storage.text}"), place.shape, place.strides, place.offset)

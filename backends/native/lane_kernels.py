@@ -29,9 +29,9 @@ FUSED = "fused"
 
 
 def with_fused_products(function: c.Function) -> c.Function:
-    """Uses `fused` for every sum or difference with a product as a term.
-
-    For two products the right one is fused: a·b + c·d becomes fused(c, d, a·b).
+    """The function with `fused(a, b, c)`, a·b + c rounded once, for every sum or difference that
+    has a product as a term. Of two products the right one is fused: a·b + c·d becomes fused(c, d,
+    a·b).
     """
     return replace(function, body=_block(function.body))
 
@@ -88,8 +88,8 @@ def _expression(expression: c.Expression) -> c.Expression:
 def _factors(
     expression: c.Expression, *, negative: bool = False
 ) -> tuple[c.Expression, c.Expression] | None:
-    """Two factors whose product, or negated product, is the expression; None for other
-    expressions.
+    """Two factors whose product is the expression, or its negative if `negative`; None for an
+    expression that is no product.
     """
     match expression:
         case c.Unary("-", operand):
@@ -103,10 +103,9 @@ def _factors(
 
 
 class LanePrinter(Printer):
-    """Prints like the printer of controllers, with vectors for reals and masks for bools.
-
-    Vector extensions of gcc and clang have no literals and, in C, no `?:`. The kernel's prelude
-    defines `splat` and `choose` instead.
+    """Prints C for SIMD vectors: `lanes` instead of reals, `mask` instead of bools. Vector
+    extensions of gcc and clang have no literals and, in C, no `?:`; the kernel's prelude defines
+    `splat` and `choose` instead.
     """
 
     def type(self, type: c.CType) -> str:
@@ -160,7 +159,9 @@ class LanePrinter(Printer):
         yield "}"
 
     def table(self, table: c.ConstantTable) -> str:
-        """A constant array with every value in all lanes."""
+        """The definition of a constant array whose elements are vectors with the value in all
+        lanes.
+        """
         numbers = [f"all({self.number(value)})" for value in table.values]
         head = f"static const lanes {table.name}[{len(numbers)}]"
         return f"{head} = {self.braced(numbers)};"
@@ -178,14 +179,16 @@ _SHIFTS = (Operator.SHIFT_LEFT, Operator.SHIFT_RIGHT)
 
 
 def lane_kernels(names: Iterable[str], format: Format, prefix: str) -> str:
-    """Definitions of the kernels and the functions that they call, callees first."""
+    """C definitions of the math kernels with these names, and of the functions that they call
+    before them. `format` is the floating-point format, `prefix` that of C names.
+    """
     printer = LaneKernelPrinter(prefix, dtype_of(format))
     lowered = (_LaneLowering(routine, printer) for routine in callees_first(names, format))
     return "\n".join(printer.function(with_fused_products(each.function())) for each in lowered)
 
 
 class LaneKernelPrinter(LanePrinter):
-    """Prints functions whose integers are vectors with one lane per sample as well."""
+    """Prints math kernels, in which integers are vectors too, with one lane per rollout."""
 
     exact = True
 
@@ -213,12 +216,16 @@ class LaneKernelPrinter(LanePrinter):
         return super().operand(expression)
 
     def table(self, table: c.ConstantTable) -> str:
-        """A constant array from which each lane reads its own entry."""
+        """The definition of a constant array of scalars, from which each lane reads its own
+        entry.
+        """
         return KernelPrinter(self.prefix, self.dtype).table(table)
 
 
 class _LaneLowering(RoutineLowering):
-    """Every value is a variable, except products that may be fused with their sum."""
+    """Translates a math kernel to C on vectors. A branch computes both sides and selects per lane.
+    Every value is a variable, except products that may be fused with their sum.
+    """
 
     def name(self, local: Local) -> str:
         return f"v{local.index}"
@@ -271,6 +278,8 @@ class _LaneLowering(RoutineLowering):
         return c.Call(_CHOICES[kind], (condition, then, otherwise))
 
     def entry(self, table: c.ConstantTable, index: c.Expression) -> c.Expression:
-        """One entry per lane; lanes that do not take this side read entry 0."""
+        """C call that reads one table entry per lane, at the lane's index; lanes that do not take
+        the current branch read entry 0.
+        """
         arguments = (c.Name(table.name), c.Integer(len(table.values)), index)
         return c.Call(_LOOK_UPS[table.type], arguments)

@@ -17,7 +17,7 @@ from compiler.ir.types import WINDOW, Axis
 
 
 def size_of(axes: tuple[Axis, ...]) -> int:
-    """Number of scalars of a value with these axes."""
+    """The number of elements of a value with these axes; 1 without axes."""
     size = 1
     for axis in axes:
         size *= axis.size
@@ -30,9 +30,7 @@ def _shape(axes: tuple[Axis, ...]) -> tuple[int, ...]:
 
 @dataclass(frozen=True, slots=True)
 class LaneTape:
-    """A C array with one row of `elements` values per time, oldest first, for one group of
-    rollouts.
-
+    """A C array over time of one vector of rollouts, oldest first: each row has `elements` values.
     A function for time t gets a pointer to the row of sample t+`first`.
     """
 
@@ -43,8 +41,8 @@ class LaneTape:
     """Offset from t of the last row that is used at t."""
 
     def place(self, shape: tuple[int, ...], first: int, count: int | None) -> ArrayView:
-        """A view of samples from t+first on: `count` of them along the last axis of `shape`, None
-        for one sample.
+        """The place of samples from t+first on. With a `count`, that many samples lie along the
+        last axis of `shape`; with None it is one sample of this shape.
         """
         # One row per time: t+k is at a fixed distance without modulo, and a window is a view that
         # overlaps that of the previous step.
@@ -57,7 +55,7 @@ class LaneTape:
 
 @dataclass(frozen=True)
 class LaneMemory:
-    """The layout of all C arrays of one training kernel."""
+    """The C arrays of one training kernel: names, elements per row, and which samples they hold."""
 
     step: TrainingStep
 
@@ -67,7 +65,7 @@ class LaneMemory:
 
     @cached_property
     def signals(self) -> dict[str, LaneTape]:
-        """The log of each signal that the step or the start reads."""
+        """The array of each signal that the step or the start reads, by name of signal."""
         found: dict[str, Extent] = {}
         for graph in (self.program.step, self.program.start):
             for log in (True, False):
@@ -89,7 +87,9 @@ class LaneMemory:
 
     @cached_property
     def buffers(self) -> dict[str, LaneTape]:
-        """The samples of each buffer: at t rows 0 … n−1, the newest sample becomes row n."""
+        """The array of each buffer of n samples, by name of state: at time t its samples are in
+        rows 0 … n−1, and the step writes the newest to row n.
+        """
         taken: set[str] = set()
         return {
             state.name: LaneTape(
@@ -104,12 +104,14 @@ class LaneMemory:
         }
 
     def newest_row(self, state: State) -> ArrayView:
-        """The row for the newest sample of a buffer at t."""
+        """The place to which the step at t writes the newest sample of a buffer."""
         tape = self.buffers[state.name]
         return tape.place(_shape(state.axes[:-1]), tape.last, None)
 
     def adjoint_rows(self, state: State) -> ArrayView:
-        """The adjoints of the samples in a buffer at t."""
+        """The place of the adjoints of all samples that a buffer holds at t, with the shape of the
+        state.
+        """
         tape = self.buffers[state.name]
         place = tape.place(_shape(state.axes), 0, state.axes[-1].size)
         # adjoints have the layout of their samples, in another array
@@ -117,7 +119,7 @@ class LaneMemory:
 
     @cached_property
     def plain(self) -> dict[str, tuple[str, State]]:
-        """The C name of each state that is not a buffer."""
+        """The C name and the state, by name, of the states that are not buffers."""
         taken: set[str] = set()
         return {
             state.name: (c_identifier(f"state_{state.name}", taken), state)
@@ -131,7 +133,9 @@ class LaneMemory:
 
     @cached_property
     def rows(self) -> dict[NodeId, LaneTape]:
-        """The arrays over time of nodes that the forward or reverse step stores for later loops."""
+        """The arrays of nodes that the forward or reverse step stores at each time for later loops,
+        by node id.
+        """
         reverse = self.step.reverse_step.graph
         return {
             node: LaneTape(f"row_{node}", reverse[node].type.size, 0, 0)
@@ -140,8 +144,9 @@ class LaneMemory:
 
     @cached_property
     def late_adjoints(self) -> dict[LateAdjoint, LaneTape]:
-        """The arrays of the sources of late adjoints, latest time first; at t the newest becomes
-        row n.
+        """For each late adjoint the array over time of its source. The reverse loop runs back in
+        time, so the latest time is first. At t the step writes row n, where n is the length of the
+        buffer.
         """
         reverse = self.step.reverse_step.graph
         return {
@@ -153,7 +158,9 @@ class LaneMemory:
 
     @cached_property
     def parameters(self) -> dict[str, int]:
-        """Index of the first element of each parameter among all parameters."""
+        """The index of the first element of each parameter, by name, in the flat array of all
+        parameters.
+        """
         offsets: dict[str, int] = {}
         total = 0
         for parameter in self.program.parameters:
@@ -167,7 +174,9 @@ class LaneMemory:
 
 
 def read_of(tape: LaneTape, op: ReadSignal | ReadLog, axes: tuple[Axis, ...]) -> ArrayView:
-    """The samples of a signal that a node reads."""
+    """The place of the samples that a read node with these axes means; the last axis may be the
+    window.
+    """
     shape = tuple(axis.size for axis in axes)
     windowed = bool(axes) and axes[-1].name == WINDOW
     return tape.place(shape, op.first, axes[-1].size if windowed else None)

@@ -40,7 +40,9 @@ factors."""
 
 @dataclass(frozen=True, slots=True)
 class LateGradient:
-    """A term of a parameter's gradient at each time: the product of two views of rows."""
+    """A term of a parameter's gradient that is computed after the reverse loop: the sum over all
+    times of a product of values that are stored in rows.
+    """
 
     parameter: str
     product: NodeId
@@ -49,7 +51,9 @@ class LateGradient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Phases:
-    """The nodes of each phase of a kernel; ids refer to the graphs of the training step."""
+    """The nodes of each part of a kernel: before, in and after the loops over time. Ids in `ahead`
+    and `kept` refer to the forward graph, the others to the reverse graph, which begins with it.
+    """
 
     ahead: tuple[NodeId, ...]
     """Contractions of the forward graph over logged samples."""
@@ -63,12 +67,14 @@ class Phases:
 
     @property
     def rows(self) -> tuple[NodeId, ...]:
-        """All nodes that are stored in rows."""
+        """The ids of all nodes that are stored in rows."""
         return (*self.ahead, *self.kept, *self.cuts)
 
 
 def split_loops(step: TrainingStep) -> Phases:
-    """Splits one training step into phases."""
+    """Decides which nodes of a training step are computed before the loop, stored in rows, or
+    summed after the reverse loop, within a limit of memory per step.
+    """
     # Order of priority for memory: sums before the loop, which shorten the sequential loop, then
     # factors of late gradients, then values that would be recomputed.
     room = _Room()
@@ -100,7 +106,9 @@ def split_loops(step: TrainingStep) -> Phases:
 
 
 def read_from_rows(graph: Graph, nodes: Iterable[NodeId]) -> Graph:
-    """The graph with the given nodes replaced by reads of rows."""
+    """The graph with each of these nodes replaced by a read of its stored value; node ids stay the
+    same.
+    """
     found = list(graph.nodes)
     for index in nodes:
         node = found[index]
@@ -109,14 +117,16 @@ def read_from_rows(graph: Graph, nodes: Iterable[NodeId]) -> Graph:
 
 
 class Addends:
-    """Splits sums into terms, unless another node uses the partial sum."""
+    """Splits sums in a graph into their terms. A partial sum that another node or root uses is not
+    split.
+    """
 
     def __init__(self, graph: Graph, roots: Iterable[NodeId]) -> None:
         self._graph = graph
         self._demands = use_counts(graph, roots)
 
     def of(self, node: NodeId) -> list[NodeId]:
-        """The nodes whose sum the node is; the node itself if it is no sum."""
+        """The nodes whose sum is this node, in order; only the node itself if it is no sum."""
         found: list[NodeId] = []
         waiting = [node]
         while waiting:
@@ -131,7 +141,7 @@ class Addends:
 
 
 def is_zero(graph: Graph, node: NodeId) -> bool:
-    """True if a node is structurally 0."""
+    """True if a node is a constant of zeros, or a broadcast, reshape or slice of one."""
     match graph[node].op:
         case ops.Constant(values):
             return not any(values)
@@ -142,15 +152,15 @@ def is_zero(graph: Graph, node: NodeId) -> bool:
 
 
 class _Room:
-    """The remaining memory, in elements per step, for values that are stored over time."""
+    """The memory that remains for values stored over time, as a number of elements per step."""
 
     def __init__(self) -> None:
         self._left = _MOST_ELEMENTS
         self._taken: set[NodeId] = set()
 
     def take(self, graph: Graph, nodes: Iterable[NodeId]) -> bool:
-        """Reserves memory for the values of these nodes; False, with nothing reserved, if there is
-        too little.
+        """Reserves memory for these nodes' values; a node that already has memory needs none.
+        Returns False, with nothing reserved, if too little is left.
         """
         # a factor of two late gradients needs one row
         new = [node for node in nodes if node not in self._taken]
@@ -163,9 +173,8 @@ class _Room:
 
 
 def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
-    """The sums of products of two leaves, one of them recorded samples, which need no state.
-
-    They are computed for all times before the loop, as far as `room` has memory for them.
+    """The contractions that are computed for all times before the loop, as far as `room` has memory
+    for them. Both operands are leaves, one of them recorded samples and none a state.
     """
     graph = step.program.step
     losses = [node for term in step.losses for node in (term.total, term.count)]
@@ -189,8 +198,8 @@ def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
 
 
 def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
-    """The leaf that a node is a strided view of: a parameter, samples or a state; otherwise
-    None.
+    """The leaf (samples, state, parameter, or stored value) of which a node is a view with other
+    strides; None if computing the node needs more than such a view.
     """
     op = graph[node].op
     match op:
@@ -210,7 +219,7 @@ def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
 
 
 def _stands_in_a_row(value: TrainingValue) -> bool:
-    """True if the value is stored for all times, not passed to the reverse step only."""
+    """True if the value is stored for all times; False if it is passed to the reverse step only."""
     match value:
         case KeptRow() | NewestSample():
             return True
@@ -221,7 +230,9 @@ def _stands_in_a_row(value: TrainingValue) -> bool:
 
 
 def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
-    """The nodes to store in rows in order to sum a product later; None if there is no gain."""
+    """The nodes that must be stored in rows to sum a product over time after the loop. None if the
+    node is no product or the product has too few elements for a gain.
+    """
     if not isinstance(graph[node].op, ops.Multiply | ops.Contract):
         return None
     needed = {graph.unrepeated(a) for a in graph[node].args if view_leaf(graph, a) is None}
@@ -233,11 +244,10 @@ def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
 def _kept(
     graph: Graph, forward: int, roots: Iterable[NodeId], given: set[NodeId], room: _Room
 ) -> tuple[NodeId, ...]:
-    """The nodes of the forward graph whose values are stored in rows, not recomputed.
-
-    These are all nodes in `given`, and expensive ones that the reverse nodes or `roots` read. An
-    expensive node is stored only if `room` has memory for it. The forward graph is the first
-    `forward` nodes of `graph`.
+    """The nodes of the forward graph whose values are stored in rows, so that the reverse step does
+    not recompute them. These are all nodes in `given`, and expensive ones that reverse nodes or
+    `roots` read, as far as `room` has memory. The forward graph is the first `forward` nodes of
+    `graph`.
     """
     used = use_counts(graph, roots)
     direct = {
@@ -264,7 +274,9 @@ def _kept(
 
 
 def _computed(graph: Graph, node: NodeId) -> list[NodeId]:
-    """The real values behind structural operations and bools."""
+    """The nodes of computed real values on which a node depends through structural operations and
+    bools; the node itself if it is one, nothing for a leaf.
+    """
     op = graph[node].op
     if isinstance(op, ops.Structure) or graph[node].type.kind == "bool":
         return [leaf for arg in graph[node].args for leaf in _computed(graph, arg)]
@@ -272,7 +284,9 @@ def _computed(graph: Graph, node: NodeId) -> list[NodeId]:
 
 
 def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
-    """Estimated number of operations of a node, including operands that only it uses."""
+    """The estimated number of operations to compute a node and its operands. `costs` has the result
+    for each earlier node, 0 for stored ones.
+    """
     node = graph[index]
     match node.op:
         case ops.Leaf() | ops.Window():
@@ -294,10 +308,9 @@ def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LateAdjoint:
-    """A term of the adjoint of a buffer that is the product of a value per step and a parameter.
-
-    Every sample in the buffer gets source · taps. The terms of one sample come from several steps,
-    so they are added when the backward loop reaches the sample.
+    """A term of the adjoint of a buffer that is source · taps, a value per step times a parameter.
+    A sample gets such a term from each step at which it is in the buffer. They are added together
+    when the reverse loop reaches the sample. `addend` is the node of the product.
     """
 
     state: str
@@ -313,8 +326,8 @@ class LateAdjoint:
 
 
 def late_adjoints(step: TrainingStep) -> tuple[LateAdjoint, ...]:
-    """The terms of adjoints of buffers that can be added late; none if the start has gradients of
-    parameters.
+    """The terms of adjoints of buffers that can be added late. Empty if the states at t0 depend on
+    parameters, since the start then needs complete adjoints of all samples.
     """
     # the start needs the adjoint of every initial sample of the buffer, but late adjoints are
     # complete for the newest sample only
@@ -341,7 +354,7 @@ def _late_adjoints(step: TrainingStep) -> Iterator[LateAdjoint]:
 
 
 def _before_window(graph: Graph, node: NodeId) -> NodeId | None:
-    """The operand of a broadcast that only adds the window axis; otherwise None."""
+    """The operand of a broadcast that adds only the window axis; None for any other node."""
     op, args = graph[node].op, graph[node].args
     if not isinstance(op, Broadcast):
         return None

@@ -25,10 +25,10 @@ _REALS: dict[Dtype, Any] = {"float32": ctypes.c_float, "float64": ctypes.c_doubl
 
 
 class NativeStep:
-    """One instance of the C code of a program in step form; its library is in the kernel cache.
-
-    `inputs` and `outputs` are the structs of the step as one array of reals, field after field.
-    Raises CompilerMissingError and KernelBuildError.
+    """One instance of the C code of a program in step form, compiled for this machine. `inputs` and
+    `outputs` are memory that the caller writes and reads: arrays of reals (ctypes), field after
+    field in the order of the interface. `step()` runs one step and returns status bits. Raises
+    ValueError for weights of a wrong shape, CompilerMissingError and KernelBuildError.
     """
 
     name: Literal["c", "interpreter"] = "c"
@@ -59,34 +59,45 @@ class NativeStep:
         self.init()
 
     def init(self) -> None:
-        """Sets the states that need no data."""
+        """Sets the states that need no recorded samples; the others stay marked as unset."""
         self._c.init()
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
-        """Sets all states from samples around the first step; returns status bits."""
+        """Sets all states from samples around the first step; returns status bits. `windows` has
+        the arguments of `reset` by name. Raises ValueError for missing or unknown names and wrong
+        shapes.
+        """
         return self._c.reset(windows)
 
     def states(self) -> dict[str, Array]:
-        """The values of all states."""
+        """The current states by name, in the shapes of the spec, buffers with the oldest sample
+        first.
+        """
         return self._c.states()
 
     def set_states(self, values: Mapping[str, ArrayLike]) -> None:
-        """Sets all states."""
+        """Sets all states by name, in the shapes of `states`. Raises KeyError if one is missing."""
         self._c.set_states(values)
 
     @property
     def waiting(self) -> int:
-        """The bits of `ready` that mark unset states."""
+        """The bits of the field `ready` that mark buffers (1) and states (2) without valid
+        values.
+        """
         return 0 if self._ready is None else self._c.word(self._ready) & 3
 
     def no_longer_waits(self, bits: int) -> None:
-        """Clears bits of `waiting`."""
+        """Clears these bits of `waiting`: the buffers or states that they mean now have valid
+        values.
+        """
         if self._ready is not None:
             self._c.set_word(self._ready, self._c.word(self._ready) & ~bits)
 
 
 def one_text(texts: Mapping[str, str]) -> str:
-    """Concatenates headers and sources, without the `#include` lines between them."""
+    """One C text from the files of a folder (path → text): headers, then sources, without the
+    `#include` lines for files of the folder.
+    """
     names = {PurePosixPath(path).name for path in texts}
     paths = [path for path in texts if path.startswith(("include/", "src/"))]
     ordered = sorted(paths, key=lambda path: (not path.startswith("include/"), path[-2:] != ".h"))

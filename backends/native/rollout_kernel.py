@@ -43,9 +43,8 @@ WIDTH = LANES["float64"]
 
 
 class LaneLibrary:
-    """A compiled kernel, with the memory and logs for its functions.
-
-    Raises CompilerMissingError.
+    """A compiled float64 kernel, with methods that arrange logs and working memory for it. Raises
+    CompilerMissingError and KernelBuildError.
     """
 
     def __init__(self, source: KernelSource) -> None:
@@ -62,11 +61,14 @@ class LaneLibrary:
         skip: int = 0,
         scored: Mapping[str, NDArray[np.bool_]] | None = None,
     ) -> KernelData:
-        """The logs in the kernel's layout; `skip` and `scored` affect the losses."""
+        """The series (rows, *shape) by name of signal in the kernel's layout. The first `skip`
+        steps of a rollout do not count in losses. `scored` are masks (rows,) by name of loss; by
+        default all rows count.
+        """
         return KernelData(self.source, DTYPE, series, skip, scored)
 
     def _work(self, steps: int) -> NDArray[np.uint8]:
-        """Memory for rollouts of at most `steps` steps."""
+        """Working memory for one group of rollouts of at most `steps` steps."""
         return aligned(self._library.msnn_work_lanes(steps) * WIDTH * DTYPE.itemsize)
 
 
@@ -75,7 +77,9 @@ _STORED = "outputs"
 
 @dataclass(frozen=True, slots=True)
 class RolloutSource:
-    """The kernel source, and the number of output elements per step."""
+    """The source of a kernel that stores outputs. `width` is the number of elements of all outputs
+    of a step.
+    """
 
     source: KernelSource
     width: int
@@ -83,7 +87,9 @@ class RolloutSource:
 
 @kept_source
 def rollout_source(program: Program) -> RolloutSource:
-    """The float64 kernel of a program with closed loops, for its outputs and losses."""
+    """The source of a float64 kernel that computes outputs and losses of a program with closed
+    loops.
+    """
     builder = GraphBuilder(program.step)
     # appended to the step's graph, so that losses share nodes with the outputs
     losses = loss_terms(builder, program)
@@ -112,7 +118,10 @@ _LANE_ROWS = np.dtype([("steps", np.int64, (WIDTH,)), ("row", np.int64, (WIDTH,)
 
 @dataclass(frozen=True, slots=True)
 class Rolled:
-    """Results of consecutive rollouts: outputs (Σ steps, elements per step), sums, counts."""
+    """The results of some rollouts. `outputs` (Σ steps, elements per step) has the rollouts one
+    after the other, in the caller's order. `sums` and `counts` (losses,) are the cost of each loss
+    over all scored elements, and their number.
+    """
 
     outputs: FloatArray
     sums: FloatArray
@@ -120,7 +129,9 @@ class Rolled:
 
 
 class RolloutKernel(LaneLibrary):
-    """The outputs and losses of a closed program, compiled here. Raises CompilerMissingError."""
+    """A compiled kernel for outputs and losses of a program with closed loops, in float64. Raises
+    CompilerMissingError and KernelBuildError.
+    """
 
     def __init__(self, program: Program) -> None:
         made = rollout_source(program)
@@ -136,9 +147,9 @@ class RolloutKernel(LaneLibrary):
         physical: FloatArray,
         advance: Callable[[int], None],
     ) -> Rolled:
-        """Runs rollouts of `steps[i]` steps from rows `starts[i]`.
-
-        `advance` is called with the number of rollout steps done since its last call.
+        """Runs rollouts of `steps[i]` steps from rows `starts[i]`. `physical` are the physical
+        parameters, flat. `advance` is called with the number of rollout steps done since its last
+        call, for progress.
         """
         losses = len(self.source.losses)
         found = Rolled(
@@ -166,7 +177,10 @@ class RolloutKernel(LaneLibrary):
 
 
 def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
-    """Groups rollouts of similar length; unused lanes repeat a rollout and have no steps."""
+    """Puts rollouts of similar length into groups of lanes. Returns the groups, and for each lane
+    its number of steps and its first row among the outputs. Unused lanes repeat a rollout and have
+    0 steps.
+    """
     # all lanes run as long as the longest: similar lengths waste the least time
     order = np.argsort(-steps, kind="stable")
     count = -(-len(order) // WIDTH)
@@ -185,7 +199,10 @@ def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
 
 
 def _calls(steps: Rows) -> list[tuple[int, int, int, int]]:
-    """The groups and steps of each call: several short runs together, a long one in pieces."""
+    """Splits the work into calls of about `_AT_ONCE` steps: (first group, group after the last,
+    first step, step after the last) of each. Several short groups share a call, a long one takes
+    several. `steps` is the length of each group.
+    """
     calls: list[tuple[int, int, int, int]] = []
     first = 0
     done = np.cumsum(steps)

@@ -46,9 +46,9 @@ ROWS = "rows"
 
 @dataclass(frozen=True, slots=True)
 class SensitivitySource:
-    """The kernel source, and the length of a row of derivatives, residual and mark.
-
-    The mark is 1 where a residual is excluded; `marked` is False if none can be.
+    """The source of a sensitivity kernel. `width` is the length of a row: derivatives of a
+    residual, the residual, and a mark that is 1 where the residual is excluded; padded. `marked` is
+    False if no residual can be excluded, so that rows have no mark.
     """
 
     source: KernelSource
@@ -58,7 +58,9 @@ class SensitivitySource:
 
 @kept_source
 def sensitivity_source(found: Sensitivities) -> SensitivitySource:
-    """The float64 kernel of a program with closed loops."""
+    """The source of a float64 kernel that sums products of residuals and their Jacobian over
+    rollouts.
+    """
     memory = LaneMemory(forward_only(found.program, found.losses))
     functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
     marked = any(one.left_out is not None for one in found.residuals)
@@ -83,8 +85,9 @@ def sensitivity_source(found: Sensitivities) -> SensitivitySource:
 def _rows(
     found: Sensitivities, width: int
 ) -> tuple[list[int], tuple[tuple[NodeId, ArrayView], ...]]:
-    """The first row of every loss plus the end, and the places of residuals, derivatives and
-    marks.
+    """First the index of the first row of every loss, and the number of all rows; a loss that is no
+    sum of squares has no rows. Then the nodes of residuals, derivatives and marks, each with its
+    place in the array of rows, which are `width` long.
     """
     firsts = [0]
     places: list[tuple[NodeId, ArrayView]] = []
@@ -123,13 +126,14 @@ LARGEST_STACK = 64 * 2**20
 
 
 class StackTooSmallError(Exception):
-    """The derivatives of one step need more stack than the limit of a thread."""
+    """The derivatives of one step need more stack than `LARGEST_STACK` bytes. The message has the
+    size.
+    """
 
 
 class SensitivityKernel(LaneLibrary):
-    """A program with its sensitivities, compiled here.
-
-    Raises CompilerMissingError and StackTooSmallError.
+    """A compiled kernel for sensitivities of a program. Raises StackTooSmallError,
+    CompilerMissingError and KernelBuildError.
     """
 
     def __init__(self, found: Sensitivities) -> None:
@@ -147,7 +151,10 @@ class SensitivityKernel(LaneLibrary):
     def products(
         self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray
     ) -> dict[str, Products]:
-        """The products of each loss, summed over rollouts from rows `starts`."""
+        """By name of loss: products of its residuals r and their Jacobian J (JᵀJ, Jᵀr, rᵀr), summed
+        over rollouts of `steps[i]` steps from rows `starts[i]` of `data`. `physical` are the
+        physical parameters, flat.
+        """
         groups, _ = lane_groups(self._groups, starts, steps, [len(starts)])
         summed = self._summed(data, groups, physical, apart=False)
         numbers, whole = self.numbers, _whole(summed.products, self.numbers)
@@ -166,10 +173,11 @@ class SensitivityKernel(LaneLibrary):
     def products_of_runs(
         self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray, own: int
     ) -> dict[str, ProductsOfRuns]:
-        """The products of each loss, with separate blocks per rollout for the last `own`
-        parameters.
-
-        Rollouts stay in the given order.
+        """By name of loss: products of its residuals and their Jacobian J, separately for each
+        rollout and in the given order. Rollout i has `steps[i]` steps from row `starts[i]` of
+        `data`; `physical` are the physical parameters, flat. The last `own` columns of J are
+        unknowns of each rollout itself, such as initial states. Blocks of the other columns, the
+        shared parameters, are summed.
         """
         # the groups first contain rollout indices, to restore the order afterwards
         groups, _ = lane_groups(self._groups, np.arange(len(starts)), steps, [len(starts)])
@@ -214,7 +222,9 @@ class SensitivityKernel(LaneLibrary):
         return _Summed(found, sums, counts)
 
     def _of_runs(self, summed: _Summed, loss: int, own: int) -> ProductsOfRuns:
-        """The products of one loss, from sums per run."""
+        """The products of the loss with index `loss`, from separate sums per rollout. The last
+        `own` columns belong to each rollout itself.
+        """
         n, end = self.numbers - own, self.numbers
         found = _whole(summed.products[:, loss], end)
         marks = summed.products[:, loss, end + 1, end + 1] if self._marked else np.zeros(1)
@@ -234,10 +244,9 @@ class SensitivityKernel(LaneLibrary):
 
 @dataclass(frozen=True, slots=True)
 class _Summed:
-    """The products of all losses, (losses, width, width), their sums and counts.
-
-    Separate sums have the shape (groups, losses, width, width, lanes) or (runs, losses, width,
-    width).
+    """For each loss: products of rows (losses, width, width), sum of its cost and count of scored
+    elements, both (losses,). Sums that are kept apart have a first axis of groups and a last axis
+    of lanes; `of_runs` replaces both by a first axis of rollouts.
     """
 
     products: FloatArray
@@ -245,7 +254,9 @@ class _Summed:
     counts: FloatArray
 
     def of_runs(self, used: NDArray[np.bool_]) -> _Summed:
-        """The sums of each run, from the used lanes."""
+        """Sums with a first axis of rollouts, from sums per group and lane. `used` (groups ·
+        lanes,) is False for lanes without a rollout.
+        """
 
         def runs(values: FloatArray) -> FloatArray:
             last = np.moveaxis(values, -1, 1)
@@ -255,17 +266,17 @@ class _Summed:
 
 
 def _whole(products: FloatArray, numbers: int) -> FloatArray:
-    """[J r]ᵀ[J r] as a full symmetric matrix, from the blocks of its lower triangle that the kernel
-    sums.
+    """The symmetric matrix [J r]ᵀ[J r] of size numbers + 1 (the last two axes), from its lower
+    triangle in `products`. J has `numbers` columns; r is the residual.
     """
     lower = np.tril(products[..., : numbers + 1, : numbers + 1])
     return lower + np.swapaxes(np.tril(lower, -1), -1, -2)
 
 
 def with_stack(needed: int, run: Callable[[], None]) -> None:
-    """Calls `run` with twice the needed stack: here, or in a thread with a large stack.
-
-    Unused stack takes no memory, as pages are allocated on first access.
+    """Calls `run`, which needs `needed` bytes of stack: directly if these are at most `STACK`,
+    otherwise in a thread with twice that stack. Raises the exceptions of `run`. Unused stack takes
+    no memory, as pages are allocated on first access.
     """
     if needed <= STACK:
         run()
@@ -282,5 +293,7 @@ def with_stack(needed: int, run: Callable[[], None]) -> None:
 
 
 def _stack(text: str, lanes: int) -> int:
-    """Bytes of all arrays of a step, in case the compiler does not share their memory."""
+    """The total size in bytes of the local arrays in the C source `text`, an upper limit of the
+    stack that they need. `lanes` is the size of a vector in bytes.
+    """
     return lanes * sum(map(int, re.findall(r"^ +lanes \w+\[(\d+)\];$", text, re.MULTILINE)))

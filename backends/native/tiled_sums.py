@@ -39,14 +39,18 @@ Store = Callable[[Indices, Expression, BlockScope], None]
 
 @dataclass(frozen=True, slots=True)
 class TimeLoop(Loop):
-    """A `for` loop over time, `stop` times per iteration; with `rest` over the remaining times."""
+    """A C loop over time that handles `stop` times per iteration. With `rest`, it runs over the
+    times that remain after such a loop, one per iteration.
+    """
 
     rest: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A factor of the product: its places at times 0 and 1, and its axes by name."""
+    """A factor of a product as an array over time: its places at times 0 and 1, and the names of
+    its axes.
+    """
 
     first: ArrayView
     second: ArrayView
@@ -61,10 +65,9 @@ class Factor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TiledSum:
-    """result[axes] = Σ over `summed` of the product of the factors.
-
-    `sizes` has the sizes of all axes. The time has none; it is either summed over or the first axis
-    of the result.
+    """result[axes] = Σ over the axes `summed` of the product of the factors. `sizes` has the sizes
+    of all axes by name. Time is not among them: it is either summed over, or the result exists for
+    each time.
     """
 
     factors: Sequence[Factor]
@@ -75,8 +78,9 @@ class TiledSum:
     """True if the sum runs over time; otherwise there is one result per time."""
 
     def write(self, scope: BlockScope, store: Store) -> None:
-        """Writes loops over tiles; `store` receives each result, its indices and the time as
-        MOMENT.
+        """Writes loops over tiles of results. `store(indices, value, scope)` writes a statement
+        that uses a result; its indices by axis include the time as MOMENT unless it was summed
+        over.
         """
         tiles = self._tiles()
         if self.over_time:
@@ -94,7 +98,9 @@ class TiledSum:
             scope.add(TimeLoop(TIME, 0, times, tuple(inner.statements), rest=rest))
 
     def _tiles(self) -> dict[str, int]:
-        """Tile size along each axis; only the last two axes longer than 1 are tiled."""
+        """The number of results per tile along each axis, by name; only the last one or two axes
+        longer than 1 have more than one.
+        """
         tiles = dict.fromkeys(self.axes, 1)
         long = [axis for axis in self.axes if self.sizes[axis] > 1][-2:]
         if self.over_time and len(long) == 1:
@@ -117,7 +123,10 @@ class TiledSum:
         scope: BlockScope,
         store: Store,
     ) -> None:
-        """Loops over the tiles along the remaining axes, with a smaller tile at the end."""
+        """Writes loops over the tiles along the axes `rest`, with a smaller tile at the end of an
+        axis. `begin` are the first indices of the tile along the other axes; a tile has `times`
+        times.
+        """
         if not rest:
             self._tile(begin, tiles, times, scope, store)
             return
@@ -139,7 +148,9 @@ class TiledSum:
     def _tile(
         self, begin: Indices, tiles: Mapping[str, int], times: int, scope: BlockScope, store: Store
     ) -> None:
-        """One tile: initialises all results with 0, accumulates them together and stores them."""
+        """Writes one tile of results: variables initialised with 0, the loops that sum, and what
+        `store` writes. `begin` are the first indices of the tile; it has `times` times.
+        """
         now = variable(TIME)
         results: list[tuple[Indices, Name]] = []
         for time, *offsets in product(range(times), *(range(tiles[axis]) for axis in self.axes)):
@@ -186,7 +197,9 @@ class TiledSum:
 
 
 def _even(size: int, most: int) -> int:
-    """The tile length that covers `size` with the fewest tiles of nearly equal length."""
+    """Splits `size` results into the fewest tiles of at most `most` results, as equal as possible;
+    returns the length of a tile. The last tile may be shorter.
+    """
     # the smallest number of tiles, then the shortest length for this number
     tiles = -(-size // most)
     return -(-size // tiles)

@@ -1,4 +1,6 @@
-"""Optimiser variables of a kernel, and the choice of optimiser."""
+"""The variables of the optimisers that run inside a training kernel, and the choice of the
+optimiser.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ _VECTORS = 5
 
 
 class Method(IntEnum):
-    """Optimisers inside a kernel; the numbers are those of its source."""
+    """The optimisers of kernels; their values are those in the C source."""
 
     ADAM = 0
     ADAMW = 1
@@ -39,7 +41,9 @@ class Method(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """The optimiser of a kernel: its method and its constants."""
+    """The optimiser of a kernel: its method and constants. `beta1`, `beta2` and `epsilon` are those
+    of Adam (`beta1` also the momentum of SGD), `decay` is the weight decay.
+    """
 
     method: Method
     beta1: float = 0.0
@@ -55,7 +59,9 @@ class Rule:
 
 
 class KnownMemory:
-    """The priors and penalties of all parameters, in the kernel's layout."""
+    """Priors and penalties of all parameters in the kernel's memory layout; `struct` points into
+    arrays that this object keeps alive.
+    """
 
     def __init__(self, known: KnownTerms) -> None:
         ends = np.cumsum([0, *(len(one) for one in known.slices)]).astype(np.int64)
@@ -67,7 +73,9 @@ class KnownMemory:
 
 
 class CurvatureMemory:
-    """The curvature estimate of L-BFGS, in the kernel's layout."""
+    """The memory of L-BFGS for `numbers` variables in the kernel's layout. `struct` points into
+    arrays that this object keeps alive; those in `arrays` are needed to resume a training.
+    """
 
     def __init__(self, rule: Rule, numbers: int) -> None:
         self.arrays = {
@@ -83,9 +91,10 @@ class CurvatureMemory:
 
 
 class Variables:
-    """Raw variables, their physical values and the optimiser's memory, as flat arrays.
-
-    `rates` are learning rates by parameter; a parameter without one, or with 0, is fixed.
+    """The variables of an optimiser in a kernel: raw values, physical values and moments as flat
+    arrays, in the order of the program's parameters. `weights` are initial physical arrays by name.
+    `rates` are learning rates by name; a parameter without one, or with 0, is fixed. `known` are
+    priors and penalties.
     """
 
     def __init__(
@@ -142,7 +151,9 @@ class Variables:
             self.optimizer.known = ctypes.pointer(self.known.struct)
 
     def keep_given(self) -> None:
-        """Restores the exact given physical values of variables that have not moved."""
+        """Replaces the physical values of variables whose raw value has not changed by the initial
+        ones, since mapping them to raw values and back rounds.
+        """
         raw, physical = self._given
         begun = self._begins_as_given & (self.arrays["raw"] == raw)
         np.copyto(self.arrays["physical"], physical, where=begun)
@@ -152,19 +163,25 @@ class Variables:
         self.arrays["rate"][:] = factor * self._rates
 
     def set_spread(self, spread: float) -> None:
-        """Sets ŝ²/n, the weight of priors."""
+        """Sets the weight of priors to `spread`, ŝ²/n: estimated variance of the residuals divided
+        by their number. Does nothing without priors and penalties.
+        """
         if self.known is not None:
             self.known.struct.spread = spread
 
     @property
     def remembered(self) -> dict[str, NDArray[Any]]:
-        """The arrays that steps change, needed to resume a training."""
+        """The arrays, by name, that optimiser steps change. Storing and restoring them, with
+        `counts`, resumes a training.
+        """
         own = {name: self.arrays[name] for name in ("raw", "first", "second")}
         return own if self.curvature is None else own | self.curvature.arrays
 
     @property
     def counts(self) -> list[tuple[ctypes.Structure, str]]:
-        """The counters that steps change, each as a struct and its field."""
+        """The counters that optimiser steps change, each as a C struct and the name of its
+        field.
+        """
         own: list[tuple[ctypes.Structure, str]] = [
             (self.optimizer, name) for name in ("steps", "first_decay", "second_decay")
         ]
@@ -174,21 +191,27 @@ class Variables:
 
     @property
     def physical(self) -> FloatArray:
-        """Physical values of all parameters, flat, in the order of the program's parameters."""
+        """The current physical values of all parameters, flat, in the order of the program's
+        parameters.
+        """
         return self.arrays["physical"].astype(float)
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values by parameter."""
+        """The current physical values, arrays by name of parameter."""
         return by_parameter(self._program, self.physical)
 
 
 def flat(program: Program, weights: Mapping[str, FloatArray]) -> FloatArray:
-    """All elements of the weights, in the order of the program's parameters."""
+    """The elements of all weights (physical arrays by name) in one array, in the order of the
+    program's parameters. Raises KeyError for a missing one.
+    """
     return np.concatenate([np.zeros(0), *(weights[p.name].ravel() for p in program.parameters)])
 
 
 def by_parameter(program: Program, numbers: FloatArray) -> dict[str, FloatArray]:
-    """The arrays by name; the inverse of `flat`."""
+    """Splits a flat array of all parameters into arrays by name, in the shapes of the spec; the
+    inverse of `flat`.
+    """
     found: dict[str, FloatArray] = {}
     begin = 0
     for parameter in program.parameters:

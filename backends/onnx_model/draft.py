@@ -44,8 +44,8 @@ _ELEMENTS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Draft:
-    """A program prepared for ONNX: functions that ONNX lacks are expanded, ports and weights are
-    listed.
+    """A program prepared for ONNX: functions that ONNX lacks are expanded. `names` are the names of
+    its ports, `weights` physical arrays by name, `dtype` the precision of the models.
     """
 
     program: Program
@@ -56,9 +56,9 @@ class Draft:
 
     @staticmethod
     def of(program: Program, weights: Mapping[str, ArrayLike] | None, dtype: DTypeLike) -> Draft:
-        """Prepares a program; without `weights` parameters have their initial values.
-
-        Raises ValueError for a dtype other than float32 and float64, or a weight of a wrong shape.
+        """Prepares a program in step form. `weights` are physical arrays by name; a missing one, or
+        None, means initial values. Raises ValueError for a program in window form, a dtype other
+        than float32 and float64, or a weight of a wrong shape.
         """
         real = np.dtype(dtype)
         if real not in _ELEMENTS:
@@ -77,7 +77,7 @@ class Draft:
         )
 
     def nodes(self) -> OnnxNodes:
-        """An empty list of nodes, in which the names of ports are reserved."""
+        """A new empty list of ONNX nodes, in which the names of ports are taken."""
         names = self.names
         tables = (
             names.inputs,
@@ -90,7 +90,9 @@ class Draft:
         return OnnxNodes(self.dtype, {STEPS, *(n for table in tables for n in table.values())})
 
     def lower_step(self, nodes: OnnxNodes, names: PortNames) -> None:
-        """Appends the nodes of the step, between the ports that `names` lists."""
+        """Adds the ONNX nodes of the step to `nodes`. Its inputs, states, outputs and next states
+        have the names in `names`.
+        """
         ports = {p.signal.name: (p, names.inputs[p.signal.name]) for p in self.interface.inputs}
         sources = LeafNodes(ports, names.states, names.parameters, self.weights)
         values = lower_nodes(self.program.step, self.interface.step_nodes, sources, nodes)
@@ -144,7 +146,9 @@ class Draft:
     def value(
         self, name: str, axes: Sequence[Axis], doc: str, *, series: bool = False
     ) -> onnx.ValueInfoProto:
-        """Declares a value; each dimension has the name of its axis as denotation."""
+        """The declaration of an ONNX value: name, shape and documentation; each dimension has the
+        name of its axis as denotation. With `series` the free dimension `steps` comes first.
+        """
         shape: list[int | str] = [axis.size for axis in axes]
         names = [axis.name for axis in axes]
         if series:
@@ -164,7 +168,10 @@ class Draft:
         results: Values,
         parameters: Sequence[Parameter],
     ) -> onnx.ModelProto:
-        """The model, with parameters as initialisers and a description of all ports."""
+        """The ONNX model of these nodes, arguments and results. Parameters become initialisers; the
+        metadata has the names and units of all ports. `kind` is the name of the graph. Raises
+        onnx.checker.ValidationError if the model is invalid, which would be a bug.
+        """
         for parameter in parameters:
             name = self.names.parameters[parameter.name]
             nodes.numbers(name, self.weights[parameter.name], _doc(parameter.doc, parameter.unit))
@@ -194,6 +201,8 @@ class Draft:
 
 
 def _doc(doc: str, unit: Unit | None, lag: int = 0) -> str:
-    """`Force on the mass [N], 2 samples late`."""
+    """The documentation of a value with its unit, and its delay of `lag` samples: `Force on the
+    mass [N], 2 samples late`.
+    """
     text = f"{doc} [{unit.text}]".strip() if unit else doc
     return f"{text}, {lag} samples late" if lag else text

@@ -30,7 +30,9 @@ _RELATIONS = {
 
 @dataclass(frozen=True, slots=True)
 class LeafNodes:
-    """The value names of a graph's leaves, by name in the spec."""
+    """The names of ONNX values that a graph reads, by name in the spec: ports, states and
+    parameters.
+    """
 
     ports: Mapping[str, tuple[Port, str]]
     states: Mapping[str, str]
@@ -42,7 +44,9 @@ class LeafNodes:
 def lower_nodes(
     graph: Graph, nodes: Sequence[NodeId], sources: LeafNodes, onnx: OnnxNodes
 ) -> dict[NodeId, str]:
-    """Value names of `nodes`, which are ordered with operands first."""
+    """Adds ONNX operators for `nodes` to the list `onnx`; returns the name of the ONNX value of
+    each node id. `nodes` contains all operands, each before its users.
+    """
     values: dict[NodeId, str] = {}
     # in single precision the dropped operands have no effect
     is_double = onnx.dtype == np.dtype(np.float64)
@@ -144,7 +148,10 @@ def _read(port: Port, value: str, read: tuple[int, int], type: Type, onnx: OnnxN
 def _contract(
     values: list[str], types: list[Type], result: Type, axis: str, onnx: OnnxNodes
 ) -> str:
-    """A matrix product, batched over the axes that both operands keep."""
+    """Adds Σ over the axis with this name of the product of two values; returns the name of the
+    sum. It is a matrix product, batched over the axes that both values keep. `types` are those of
+    the values, `result` is that of the sum.
+    """
     left, right = types
     summed = left.axes[left.position(axis)]
     # MatMul sums the last axis of left and the last but one of right; axes before are batched
@@ -172,10 +179,10 @@ def _arranged(
 
 
 def _stacked(shared: list[Axis], rows: list[Axis], columns: list[Axis]) -> tuple[int, ...]:
-    """Shape of batched matrices; an operand without rows or columns has one.
-
-    It must not be a vector: onnxruntime 1.31 silently fuses a transposed matrix and a vector to a
-    product with the matrix that is not transposed.
+    """The shape of batched matrices: the sizes of the shared axes, number of rows, number of
+    columns. Without row or column axes the number is 1. It must not be a vector: onnxruntime 1.31
+    silently fuses a transposed matrix and a vector to a product with the matrix that is not
+    transposed.
     """
     size = math.prod
     return (
@@ -190,7 +197,9 @@ def _has(type: Type, axis: Axis) -> bool:
 
 
 class OnnxNodes:
-    """Lists of nodes and initialisers under construction. Methods take and return value names."""
+    """The nodes and initialisers of an ONNX graph under construction. Values are identified by
+    their names, which methods take and return. Operations that change nothing are left out.
+    """
 
     def __init__(self, dtype: np.dtype[Any], taken: set[str]) -> None:
         self.dtype = dtype
@@ -203,24 +212,32 @@ class OnnxNodes:
         self._doc = ""
 
     def describe(self, label: str, doc: str) -> None:
-        """Sets the name prefix and the doc of the following nodes."""
+        """Sets the prefix of the names of nodes that are added from now on, and their
+        documentation.
+        """
         self._label = label
         self._doc = doc
 
     def add(self, operator: str, inputs: Sequence[str], **attributes: Any) -> str:
-        """Adds a node with one result; returns its name."""
+        """Adds a node with this ONNX operator, whose result gets a new name; returns the name.
+        `inputs` are names of values.
+        """
         result = c_identifier(self._label, self.taken)
         self.add_as(result, operator, inputs, **attributes)
         return result
 
     def add_as(self, result: str, operator: str, inputs: Sequence[str], **attributes: Any) -> None:
-        """Adds a node whose result has a name that is already reserved."""
+        """Adds a node with this ONNX operator, whose result is called `result`, a name that is
+        already in `taken`. `inputs` are names of values.
+        """
         node = helper.make_node(operator, inputs, [result], name=result, **attributes)
         node.doc_string = self._doc
         self.nodes.append(node)
 
     def numbers(self, name: str, values: NDArray[np.float64], doc: str = "") -> str:
-        """Adds an initialiser in the model's precision, under a reserved name."""
+        """Adds an initialiser (constant array) in the model's precision, called `name`, which is
+        already in `taken`; returns the name.
+        """
         with np.errstate(over="ignore"):  # a bound beyond float32 becomes infinite
             array = np.asarray(values, dtype=self.dtype)
         tensor = numpy_helper.from_array(array, name)
@@ -232,7 +249,9 @@ class OnnxNodes:
         return self.numbers(c_identifier(self._label, self.taken), values)
 
     def integers(self, values: Iterable[int]) -> str:
-        """A vector of 64-bit integers, for shapes and indices; equal ones are shared."""
+        """The name of an initialiser with these 64-bit integers, for shapes and indices; equal ones
+        share one.
+        """
         key = tuple(values)
         # shapes are operands in ONNX: equal ones share an initialiser
         if key not in self._shapes:
@@ -258,7 +277,10 @@ class OnnxNodes:
         return self.add("Slice", [value, *bounds])
 
     def broadcast(self, value: str, operand: Type, result: Type) -> str:
-        """The operand repeated along missing axes, with axes in the order of the result."""
+        """Adds the operators of a broadcast of `value`, of type `operand`, to type `result`:
+        repeated along missing axes, with axes in the order of the result. Returns the name of the
+        result.
+        """
         names = [axis.name for axis in result.axes if axis.name in operand.axis_names]
         value = self.transposed(value, [operand.position(name) for name in names])
         missing = [i for i, axis in enumerate(result.axes) if axis.name not in names]
@@ -284,7 +306,10 @@ differently."""
 def near_neutral(
     graph: Graph, nodes: Sequence[NodeId], weights: Mapping[str, NDArray[np.float64]]
 ) -> dict[NodeId, int]:
-    """The nodes with an operand that would be dropped but is not 0 or 1, with its index."""
+    """Node ids with the index of an operand that runtimes would wrongly drop: a constant so close
+    to 0 (of a sum) or 1 (of a product) that it is equal in float32. `weights` are physical arrays
+    by name.
+    """
     known: list[Any] = [None] * len(graph)
     found: dict[NodeId, int] = {}
     with np.errstate(all="ignore"):

@@ -24,10 +24,13 @@ Weights = Mapping[str, ArrayLike] | None
 def build_model(
     program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
 ) -> onnx.ModelProto:
-    """One step: (inputs, states) → (outputs, next states), with parameters as initialisers.
+    """An ONNX model of one step: (inputs, states) → (outputs, next states), with parameters as
+    initialisers.
 
-    `onnx_names` gives the names of values; each has the axes of the spec, the window last. Raises
-    ValueError for a dtype other than float32 and float64 or a weight of a wrong shape.
+    `onnx_names` gives the names of values; each has the axes of the spec, the window last.
+    `weights` are physical arrays by name; a missing one, or None, means initial values. Raises
+    ValueError for a program in window form, a dtype other than float32 and float64 or a weight of a
+    wrong shape.
     """
     draft = Draft.of(program, weights, dtype)
     names, nodes = draft.names, draft.nodes()
@@ -40,10 +43,13 @@ def build_model(
 def build_rollout(
     program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
 ) -> onnx.ModelProto:
-    """Many steps as one `Scan`: (initial states, input series) → (final states, output series).
+    """An ONNX model of many steps as one `Scan`: (initial states, series of inputs) → (final
+    states, series of outputs).
 
     A series has the axis `steps` first, then those of the port. A program without inputs gets the
-    input `steps`, a vector whose length is the number of steps.
+    input `steps`, a vector whose length is the number of steps. `weights` are physical arrays by
+    name; a missing one, or None, means initial values. Raises ValueError for a program in window
+    form, a dtype other than float32 and float64 or a weight of a wrong shape.
     """
     draft = Draft.of(program, weights, dtype)
     names, nodes = draft.names, draft.nodes()
@@ -80,10 +86,13 @@ def build_rollout(
 def build_initial_state(
     program: Program, weights: Weights = None, dtype: DTypeLike = np.float64
 ) -> onnx.ModelProto:
-    """The states before the first step, from windows of recorded samples around it.
+    """An ONNX model of the states before the first step, from windows of recorded samples around
+    it.
 
-    A window has the samples t0+first … t0+last that its documentation and the metadata give. Raises
-    ValueError for a program without states, since a model without results cannot be loaded.
+    A window has the samples t0+first … t0+last that its documentation and the metadata give.
+    `weights` are physical arrays by name; a missing one, or None, means initial values. Raises
+    ValueError for a program in window form, a dtype other than float32 and float64 or a weight of a
+    wrong shape. Also for a program without states, as a model without results cannot be loaded.
     """
     if not program.states:
         message = f"`{program.name}` has no states, so nothing gives their first values"
@@ -105,12 +114,16 @@ def build_initial_state(
 
 
 def onnx_names(program: Program) -> PortNames:
-    """The names of values at the ports of the three models."""
+    """The names of the values at the ports of the three models, by name in the spec. Raises
+    ValueError for a program in window form.
+    """
     return port_names(step_interface(program), (STEPS,))
 
 
 def _inside(names: PortNames, nodes: OnnxNodes) -> PortNames:
-    """Names for the ports of the scanned step, which must differ from those outside."""
+    """New names for the ports of the step inside a `Scan`, since ONNX requires them to differ from
+    those outside; they are added to the taken names of `nodes`.
+    """
 
     def renamed(table: dict[str, str]) -> dict[str, str]:
         return {key: c_identifier(f"{name}.now", nodes.taken) for key, name in table.items()}
@@ -132,12 +145,12 @@ def write_onnx(
     prefix: str,
     dtype: DTypeLike = np.float64,
 ) -> tuple[Path, ...]:
-    """Writes the ONNX models of a program in step form; returns the paths.
+    """Writes the ONNX models of a program in step form to `folder`; returns the paths.
 
     The files are `<prefix>.onnx`, `<prefix>_rollout.onnx`, a README `<prefix>_onnx.md`, and for a
-    program with states `<prefix>_initial_state.onnx`. `weights` or the initial values become
-    initialisers. Raises OSError if the folder is not writable, ValueError for a dtype other than
-    float32 and float64 or a weight of a wrong shape.
+    program with states `<prefix>_initial_state.onnx`. `weights` (physical arrays by name) or the
+    initial values become initialisers. Raises OSError if a file cannot be written, ValueError for a
+    program in window form, a dtype other than float32 and float64 or a weight of a wrong shape.
     """
     models = {
         f"{prefix}.onnx": build_model(program, weights, dtype),

@@ -1,1 +1,3 @@
-"""Describes the ports of a step, as every backend shows them."""
+"""Describes the ports of an exported step: names, axes, units and samples, the same in all
+backends.
+"""

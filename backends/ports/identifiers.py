@@ -40,7 +40,8 @@ def c_identifier(name: str, taken: set[str], numbers: dict[str, int] | None = No
 
     Greek letters are spelled out, other foreign characters and dots become `_`. The result is a
     letter followed by ASCII letters, digits and single `_`, with at most 48 characters. It is not a
-    reserved word of C, C++ or their headers. The function is deterministic.
+    reserved word of C, C++ or their headers. A name that is already taken gets a number. The same
+    arguments give the same result.
 
         c_identifier("vehicle.ρ_hat", set()) == "vehicle_rho_hat"
 
@@ -63,7 +64,9 @@ def c_identifier(name: str, taken: set[str], numbers: dict[str, int] | None = No
 
 
 def ascii_text(text: str) -> str:
-    """The text in ASCII: Greek letters by name, accents dropped, anything else as `U+XXXX`."""
+    """The text in ASCII: Greek letters by name, accents dropped, other characters such as `µ`
+    replaced by similar ones or by `U+XXXX`.
+    """
     return "".join(_ascii_character(character) for character in text)
 
 
@@ -89,7 +92,9 @@ _SYMBOLS = {"µ": "u", "°": "deg", "·": "*", "×": "x", "−": "-", "–": "-"
 
 
 def _spelled(character: str) -> str:
-    """`rho` for ρ, `Omega` for Ω, `e` for é; empty for characters without such a spelling."""
+    """A non-ASCII character in ASCII: `rho` for ρ, `Omega` for Ω, `e` for é; empty for one without
+    such a spelling.
+    """
     words = unicodedata.name(character, "").split(" WITH ")[0].split()
     match words:
         case ["GREEK", "SMALL", "LETTER", *_, letter]:

@@ -35,11 +35,14 @@ def interface_metadata(
     names: PortNames,
     weights: Mapping[str, ArrayLike] | None = None,
 ) -> dict[str, Any]:
-    """Data for `json.dumps`. `name` is a name in the spec, `port` its name in the export.
+    """The description of an exported step as data for `json.dumps`: all ports with axes, units and
+    ranges, and the values of parameters. `name` is a name in the spec, `port` its name in the
+    export.
 
-    Numbers are physical, in the given unit; `unit` is null if the spec has none. The outputs of a
-    step that is `late` are those of `late` samples before t. All sample offsets, also of the start,
-    are relative to the t at which the step is called.
+    Numbers are physical, in the given unit; `unit` is null if the spec has none. `weights` are
+    physical arrays by name; a missing one, or None, means initial values. The outputs of a step
+    that is `late` are those of `late` samples before t. All sample offsets, also of the start, are
+    relative to the t at which the step is called. Raises ValueError for a weight of a wrong shape.
     """
     # physical values, as raw values are internal
     arrays = physical_weights(program, weights or {})
@@ -70,7 +73,9 @@ def interface_metadata(
 
 
 def metadata_text(metadata: Mapping[str, Any]) -> str:
-    """The data as JSON, deterministically."""
+    """The data as JSON text with a line end; the same data give the same text. Raises ValueError
+    for NaN and infinities.
+    """
     return json.dumps(metadata, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -147,7 +152,9 @@ def _or_infinite(bound: float | None, sign: int) -> float:
 
 
 def json_range(bounds: tuple[float, float] | None) -> list[float | None] | None:
-    """Minimum and maximum; an infinite side is null, as JSON has no infinity."""
+    """(minimum, maximum) as a list for JSON, with None (null) for an infinite side; None for no
+    range.
+    """
     if bounds is None:
         return None
     return [bound if math.isfinite(bound) else None for bound in bounds]

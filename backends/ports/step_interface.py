@@ -14,7 +14,9 @@ from compiler.ir.types import WINDOW, Axis, Type
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """Samples t+first … t+last of a signal; a single sample if the type has no window axis."""
+    """An input of an exported function: the samples t+first … t+last of a signal. `type` has a
+    window axis unless it is a single sample.
+    """
 
     signal: Signal
     type: Type
@@ -23,13 +25,17 @@ class Port:
 
     @property
     def lag(self) -> int:
-        """Delay in samples of the port's newest value: d for a port that receives s[t-d]."""
+        """By how many samples the newest value of the port is older than t: d for s[t-d]; 0 for a
+        newer one.
+        """
         return max(-self.last, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class StepInterface:
-    """Ports of the step and of the function for initial states, in program order."""
+    """The ports of an exported program, in the order of the program: those of the step, and those
+    of the start, which computes initial states.
+    """
 
     inputs: tuple[Port, ...]
     states: tuple[State, ...]
@@ -46,7 +52,7 @@ class StepInterface:
 
 @dataclass(frozen=True, slots=True)
 class PortNames:
-    """Unique identifiers of ports, by name in the spec."""
+    """The names of ports in an export, by name in the spec; all are different identifiers."""
 
     inputs: dict[str, str]
     states: dict[str, str]
@@ -59,7 +65,9 @@ class PortNames:
 
 
 def step_interface(program: Program) -> StepInterface:
-    """The ports of a program in step form. Raises ValueError if an input is read more than once."""
+    """The ports of a program in step form. Raises ValueError if the program is in another form: an
+    input is read more than once, or the step reads the log.
+    """
     outputs = [output.node for output in program.outputs]
     step_nodes = _nodes(program.step, [*outputs, *(s.next for s in program.states)])
     start_nodes = _nodes(program.start, [state.start for state in program.states])
@@ -76,7 +84,9 @@ def step_interface(program: Program) -> StepInterface:
 
 
 def port_names(interface: StepInterface, reserved: Iterable[str] = ()) -> PortNames:
-    """Names for all ports, excluding `reserved`."""
+    """Unique names for all ports, none of them in `reserved`. Inputs come first and keep their
+    names if names collide.
+    """
     taken = set(reserved)
 
     def identifiers(names: Iterable[str], suffix: str = "") -> dict[str, str]:

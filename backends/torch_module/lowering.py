@@ -21,16 +21,16 @@ from compiler.passes.guard_derivatives import guard_infinite_slopes, guard_untak
 
 @dataclass(frozen=True, slots=True)
 class GivenNode:
-    """A value that other code has already computed, by its node id; the lowered code takes it as an
-    argument.
-    """
+    """A node whose value the lowered code does not compute but gets as an argument."""
 
     node: NodeId
 
 
 @dataclass(frozen=True, slots=True)
 class TorchLeaf:
-    """One argument of a lowered graph: its source, and True if it has a window axis."""
+    """One argument of lowered code: what it is a value of (a read or a given node), and True if the
+    value has a window axis.
+    """
 
     source: ops.AnyRead | GivenNode
     windowed: bool
@@ -38,7 +38,9 @@ class TorchLeaf:
 
 @dataclass(frozen=True, slots=True)
 class LoweredGraph:
-    """Callable torch code of a graph; it maps the tensors of `leaves` to those of the roots."""
+    """Torch code of a graph. It is called with one tensor for each element of `leaves`, and returns
+    one for each root.
+    """
 
     module: fx.GraphModule
     leaves: tuple[TorchLeaf, ...]
@@ -50,8 +52,8 @@ class LoweredGraph:
 
 
 def static_nodes(graph: Graph) -> list[bool]:
-    """Marks nodes that depend on parameters and constants only; their tensors have no batch
-    axis.
+    """For each node, True if it depends on parameters and constants only. The tensors of such nodes
+    have no batch axis.
     """
     static: list[bool] = []
     for _, node in graph:
@@ -66,7 +68,9 @@ def static_nodes(graph: Graph) -> list[bool]:
 
 
 def prepared(program: Program) -> Program:
-    """The program with functions that torch lacks expanded, and derivatives guarded."""
+    """The program as it is lowered to torch: functions that torch lacks are expanded, and
+    operations are guarded so that autograd gives no NaN where a derivative is not used.
+    """
     # guarded before lowering, since autograd evaluates 0 · ∞ as NaN
     return guard_infinite_slopes(guard_untaken(expand_functions(program, NATIVE_FUNCTIONS)))
 
@@ -82,10 +86,10 @@ def lower_graph(
 ) -> LoweredGraph:
     """Torch code for the values of `roots`; nodes in `given` become arguments of the code.
 
-    A value of shape `(*shape)` is a tensor `(B, *shape)`, or `(*shape)` if the node is static
-    (`static_nodes`). `identify` names the arguments, which are numbered. Constants are buffers of
-    the module named `<constants>_0`, …. Derivatives of untaken branches must be guarded before
-    (`guard_untaken`).
+    A value of shape (*shape) is a tensor (B, *shape), or (*shape) if the node is static
+    (`static_nodes`). `identify` gives the name of an argument, to which a number is added.
+    Constants are buffers of the module named `<constants>_0`, …. Derivatives of untaken branches
+    must be guarded before (`guard_untaken`).
     """
     lowering = _Lowering(graph, dtype, given, identify or _default_name, constants)
     return lowering.run(roots)
@@ -248,7 +252,7 @@ class _Lowering:
         return self._call(torch.where, second_wins, second, first)
 
     def _is_number(self, index: NodeId) -> bool:
-        """True if the value is known not to be NaN."""
+        """True if the value is a constant without NaN, or a broadcast or reshape of one."""
         node = self._graph[index]
         while isinstance(node.op, ops.Broadcast | ops.Reshape):
             node = self._graph[node.args[0]]
@@ -269,7 +273,9 @@ NATIVE_FUNCTIONS: frozenset[str] = frozenset(
 
 
 def scalar_function(code: fx.Graph, name: str, args: Sequence[fx.Node]) -> fx.Node:
-    """Applies a scalar function of the table to every element."""
+    """Adds the call of a scalar function of the language, element by element, to the fx graph
+    `code`; returns its node. Raises KeyError or AttributeError for a function that torch lacks.
+    """
     if name == "softplus":  # log(exp(x) + exp(0)): exact tails, and derivative 1/2 at 0
         zero = code.call_function(torch.zeros_like, (args[0],))
         return code.call_function(torch.logaddexp, (args[0], zero))
@@ -283,7 +289,10 @@ def scalar_function(code: fx.Graph, name: str, args: Sequence[fx.Node]) -> fx.No
 def broadcast(
     code: fx.Graph, value: fx.Node, old: tuple[Axis, ...], new: tuple[Axis, ...], static: bool
 ) -> fx.Node:
-    """The value, permuted to the order of the new axes and repeated along missing ones."""
+    """Adds the operations of a broadcast to the fx graph `code`: `value` with axes `old`, permuted
+    to the order of the axes `new` and repeated along those that it lacks. `static`: without batch
+    axis.
+    """
     batch = 0 if static else 1
     names = [axis.name for axis in old]
     kept = [axis.name for axis in new if axis.name in names]
@@ -302,7 +311,9 @@ def _expanded(code: fx.Graph, value: fx.Node, shape: tuple[int, ...], batch: int
 
 
 def expand_static(code: fx.Graph, value: fx.Node, type: Type, batched: fx.Node) -> fx.Node:
-    """A tensor without batch axis, repeated along the batch of another tensor."""
+    """Adds the repetition of a tensor of this type without batch axis, to the batch size of the
+    tensor `batched`, to the fx graph `code`.
+    """
     batch = code.call_method("size", (batched, 0))
     return code.call_method("expand", (value, batch, *type.shape))
 
@@ -314,7 +325,10 @@ def concat(
     static: Sequence[bool],
     dim: int,
 ) -> fx.Node:
-    """Concatenates the operands along `dim`, counted from the end."""
+    """Adds the concatenation of the operands along `dim` (negative, counted from the last axis) to
+    the fx graph `code`. `static` marks operands without batch axis; they are repeated if others
+    have one.
+    """
     # torch.cat does not broadcast: repeat static operands along the batch
     batched = next((arg for arg, fixed in zip(args, static, strict=True) if not fixed), None)
     if batched is not None:
@@ -326,7 +340,9 @@ def concat(
 
 
 def sum_axis(code: fx.Graph, value: fx.Node, type: Type, axis: str) -> fx.Node:
-    """Σ over one axis; a batch axis comes before those of the type."""
+    """Adds the sum over the axis with this name to the fx graph `code`. `type` is that of `value`;
+    a batch axis may come before its axes.
+    """
     return code.call_function(torch.sum, (value, type.position(axis) - len(type.axes)))
 
 
@@ -338,7 +354,10 @@ def contract(
     axis: str,
     result: Type,
 ) -> fx.Node:
-    """Σ over one axis of the product of two operands, by the cheapest call."""
+    """Adds Σ over one axis of the product of two operands to the fx graph `code`, by the cheapest
+    torch call. `types` are those of the operands, `static` marks those without batch axis, `result`
+    is the type of the sum.
+    """
     left, right = types
     flat = [len(type.axes) == 1 for type in types]
     # a static vector on one side: a matrix product, for any axes of the other operand
@@ -354,7 +373,9 @@ def contract(
 
 
 def _formula(types: Sequence[Type], static: Sequence[bool], result: Type) -> str:
-    """Einstein summation over named axes; `z` is the batch."""
+    """The formula of `torch.einsum` for a contraction: a letter for each axis name, and `z` for the
+    batch, which static operands lack.
+    """
     letters: dict[str, str] = {}
     for type in types:
         for axis in type.axes:

@@ -34,7 +34,7 @@ Windows = Callable[[str, int, int], Tensor]
 
 @dataclass(frozen=True, slots=True)
 class TorchStep:
-    """The values of one step; the batch is the first axis."""
+    """The results of one step by name, as tensors (B, *shape)."""
 
     outputs: dict[str, Tensor]
     next_states: dict[str, Tensor]
@@ -46,9 +46,8 @@ class TorchStep:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """The physical parameters of a batch, and all values that depend on parameters only.
-
-    They are computed once for all steps, by node of the step and of the start graph.
+    """Values that all steps share until parameters change: physical parameters by name, and nodes
+    that depend on parameters only, of the graphs of the step and the start, by node id.
     """
 
     physical: dict[str, Tensor]
@@ -58,7 +57,9 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class _Loaded:
-    """Names of the buffers with the raw variable and the physical value at the last load."""
+    """Names of the two buffers of a parameter that keep the raw variable and the physical value of
+    the last load.
+    """
 
     raw: str
     physical: str
@@ -67,17 +68,20 @@ class _Loaded:
 def build_module(
     program: Program, dtype: torch.dtype = torch.float64, device: str = "cpu"
 ) -> TorchModel:
-    """A module of the program, in window or step form, with the weights `Parameter.initial`."""
+    """A torch module of the program, in window or step form, with tensors of this type on this
+    device (a torch name such as `cpu`). Its parameters begin with the initial values of the spec.
+    """
     return TorchModel(program, dtype, torch.device(device))
 
 
 class TorchModel(nn.Module):
-    """A program in torch. Its parameters are raw variables; `physical()` gives physical values.
+    """A program in torch. Its torch parameters are the raw variables; `physical()` gives physical
+    values.
 
     The map from raw to physical values rounds. An element whose raw variable has not changed since
-    loading therefore returns the loaded value, bit for bit, with the gradient of the map. Logs are
-    one tensor (rows, *shape) per signal, times `t` absolute rows (B,), states and outputs (B,
-    *shape).
+    loading therefore returns the loaded value, bit for bit, with the gradient of the map. A log is
+    one tensor (rows, *shape) per signal; `t` are the rows (B,) at which steps run; states and
+    outputs are (B, *shape).
     """
 
     def __init__(self, program: Program, dtype: torch.dtype, device: torch.device) -> None:
@@ -90,12 +94,16 @@ class TorchModel(nn.Module):
 
     @cached_property
     def program(self) -> Program:
-        """The program as torch runs it; its parameters are those of the given program."""
+        """The program with the changes that torch needs (`prepared`); its parameters are those of
+        the given one.
+        """
         return prepared(self._given)
 
     @cached_property
     def _step(self) -> _Evaluator:
-        """Lowered at its first use, since training in a kernel needs only the variables."""
+        """The torch code of the step, lowered at its first use, as training in a kernel needs only
+        the variables.
+        """
         roots = _step_roots(self.program)
         return _Evaluator(self.program.step, roots, self.dtype, self.device)
 
@@ -131,7 +139,9 @@ class TorchModel(nn.Module):
         return torch.tensor(value, dtype=self.dtype, device=self.device)
 
     def raw(self, name: str) -> Tensor:
-        """The variable of a parameter: raw if it is learned, otherwise its physical value."""
+        """The tensor of a parameter in the module: its raw variable if it is learned, otherwise its
+        physical value. Raises KeyError for an unknown name.
+        """
         return getattr(self, self._names[name])
 
     def physical(self) -> dict[str, Tensor]:
@@ -157,10 +167,10 @@ class TorchModel(nn.Module):
     def load_physical(
         self, weights: Mapping[str, FloatArray], moving: Collection[str] = ()
     ) -> tuple[str, ...]:
-        """Sets the named parameters; returns those of `moving` that were moved off a bound.
-
-        Moved elements have the value of their raw variable; all others have exactly the loaded
-        value.
+        """Sets the named parameters to these physical values, in place. A value on a bound has no
+        finite raw variable and is moved off it. Elements of parameters in `moving` then have the
+        moved value; all others have exactly the loaded one. Returns the names in `moving` that were
+        moved.
         """
         moved: list[str] = []
         # loading is not differentiated
@@ -183,7 +193,7 @@ class TorchModel(nn.Module):
         return tuple(moved)
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values as float64 arrays, as in weight files."""
+        """Copies of the physical values by name, as float64 arrays, as in weight files."""
         with torch.no_grad():
             return {
                 # a copy, since the tensor changes later
@@ -192,21 +202,21 @@ class TorchModel(nn.Module):
             }
 
     def frame(self) -> Frame:
-        """The values that all steps of a batch share; compute a new frame after parameters
-        change.
-        """
+        """Computes the values that all steps share. It is valid until parameters change."""
         return self.frame_of(self.physical())
 
     def frame_of(self, physical: dict[str, Tensor]) -> Frame:
-        """The frame for other physical values than those of the module."""
+        """Computes the values that all steps share, from these physical values by name instead of
+        the module's.
+        """
         return Frame(physical, self._step.prepare(physical), self._start.prepare(physical))
 
     @contextmanager
     def constants_with_tangents(self, zero: Tensor) -> Generator[None]:
-        """Gives constants zero tangents, for forward mode.
-
-        Otherwise torch computes the shape of each missing tangent in Python, in every operation.
-        Graphs with possibly infinite values are not changed (decision 0396).
+        """Context manager for forward-mode differentiation: within it, constants have zero
+        tangents. `zero` is the tensor 0 with a zero tangent. Otherwise torch computes the shape of
+        each missing tangent in Python, in every operation. Graphs with possibly infinite values are
+        not changed (decision 0396).
         """
         program = self.program
         constants = [
@@ -226,22 +236,28 @@ class TorchModel(nn.Module):
                 setattr(module, name, value)
 
     def start(self, log: Mapping[str, Tensor], t: Tensor) -> dict[str, Tensor]:
-        """The states before the step at rows `t`."""
+        """The states before the step at the rows `t` (B,), by name, from a log."""
         return self.start_on(gathered(log, t), self.frame(), len(t))
 
     def step(self, log: Mapping[str, Tensor], t: Tensor, states: Mapping[str, Tensor]) -> TorchStep:
-        """Outputs, next states and loss terms at rows `t`."""
+        """Outputs, next states and values of losses of the step at the rows `t` (B,), from a log
+        and the states by name.
+        """
         return self.step_on(gathered(log, t), states, self.frame(), len(t))
 
     def start_on(self, windows: Windows, frame: Frame, batch: int) -> dict[str, Tensor]:
-        """Like `start`, for windows that the caller has taken from the log, and a frame."""
+        """The states before the first step by name, from windows that the caller took from the log,
+        and a frame. `batch` is B.
+        """
         values = self._start.run(windows, {}, frame.physical, frame.start, batch)
         return {state.name: value for state, value in zip(self.program.states, values, strict=True)}
 
     def step_on(
         self, windows: Windows, states: Mapping[str, Tensor], frame: Frame, batch: int
     ) -> TorchStep:
-        """Like `step`, for windows that the caller has taken from the log, and a frame."""
+        """The results of one step, from windows that the caller took from the log, the states, and
+        a frame. `batch` is B.
+        """
         values = iter(self._step.run(windows, states, frame.physical, frame.step, batch))
         outputs = {output.name: next(values) for output in self.program.outputs}
         next_states = {state.name: next(values) for state in self.program.states}
@@ -254,12 +270,16 @@ class TorchModel(nn.Module):
 
 
 def _rounds(parameter: Parameter) -> bool:
-    """True if the physical value is computed from the raw variable; otherwise they are equal."""
+    """True if the parameter has a scale or bounds, so that its physical value is computed from the
+    raw variable and rounded.
+    """
     return parameter.scale != 1.0 or mapping_of(parameter) is not RawMapping.LINEAR
 
 
 def gathered(log: Mapping[str, Tensor], t: Tensor) -> Windows:
-    """For each signal read of a graph, the windows of the logs around the rows `t`, batch first."""
+    """A function that reads samples of the log around the rows `t` (B,): (signal, first, last) →
+    (B, *shape, last−first+1).
+    """
 
     def windows(signal: str, first: int, last: int) -> Tensor:
         # rows of each member: (B, window), then the window last (R1)
@@ -281,7 +301,9 @@ def _step_roots(program: Program) -> list[NodeId]:
 
 
 class _Evaluator:
-    """Two pieces of torch code for a graph: values of parameters only, and the rest."""
+    """Torch code of a graph in two pieces: nodes that depend on parameters only, computed once by
+    `prepare`, and all others, computed by `run` in each step.
+    """
 
     def __init__(
         self, graph: Graph, roots: list[NodeId], dtype: torch.dtype, device: torch.device
@@ -356,7 +378,9 @@ def _argument(
 
 
 def physical_value(parameter: Parameter, raw: Tensor) -> Tensor:
-    """The physical value of a raw variable; differentiable, same shape."""
+    """The physical value of a raw variable, in the same shape; differentiable. Its bounds and scale
+    are those of the parameter.
+    """
     match parameter.minimum, parameter.maximum:
         case None, None:
             return raw * parameter.scale
@@ -383,9 +407,9 @@ _FINITE = frozenset({"sin", "cos", "atan", "tanh", "sigmoid", "softplus", "abs",
 
 
 def stays_finite(graph: Graph) -> bool:
-    """True if finite inputs give finite values and derivatives, except for overflow.
-
-    A divisor that depends on parameters only does not count: at 0 the model itself is infinite.
+    """True if all operations of a graph have finite values and derivatives for finite operands,
+    except for overflow. A divisor that depends on parameters only does not count: at 0 the model
+    itself is infinite.
     """
     static = static_nodes(graph)
     for _, node in graph:

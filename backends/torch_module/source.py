@@ -39,10 +39,10 @@ _RELEASES = re.compile(r";  (?:\w+ = )+None$")
 
 
 def torch_source(program: Program, prefix: str, dtype: str) -> str:
-    """The text of `<prefix>.py` for a program; deterministic for the same program.
-
-    `program` is in step form: a step reads each input once, and states store its past samples.
-    Names and descriptions of the spec appear as text only, never as code.
+    """The text of `<prefix>.py`: a torch module of the program that needs only torch. The same
+    program gives the same text. `program` is in step form: a step reads each input once, and states
+    store its past samples. `dtype` is the module's default precision. Names and descriptions of the
+    spec appear as text only, never as code.
     """
     program = prepared(program)
     interface = step_interface(program)
@@ -86,7 +86,9 @@ def torch_source(program: Program, prefix: str, dtype: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Function:
-    """Lines of a function body, the expressions of its results, and its constants."""
+    """The Python code of a function: lines of its body, expressions of its results, and constants
+    as (name, expression).
+    """
 
     lines: list[str]
     results: list[str]
@@ -131,7 +133,9 @@ def _results(value: Any) -> tuple[Any, ...]:
 
 
 def _body(lowered: LoweredGraph) -> list[str]:
-    """The statements that fx prints, each with its equation and line of the spec."""
+    """The assignments that fx prints for the graph; those with a name in the spec have it and its
+    line as a comment.
+    """
     code = lowered.module.graph.python_code("self").src
     lines: list[str] = []
     for line in code.splitlines():
@@ -160,7 +164,10 @@ def _argument_name(leaf: TorchLeaf) -> str:
 def _source(
     leaf: TorchLeaf, interface: StepInterface, names: dict[str, str], constants: str
 ) -> str:
-    """The expression of an argument in the generated class."""
+    """The Python expression that the generated class uses for an argument, such as `inputs['u']`.
+    `names` are the attributes of parameters; `constants` is STEP or START, which tells the
+    function.
+    """
     match leaf.source:
         case ReadParameter(name):
             return f"self.{names[name]}"
@@ -201,7 +208,9 @@ def _parameter(parameter: Parameter, names: dict[str, str]) -> dict[str, Any]:
 
 
 def _bounds(parameter: Parameter) -> str:
-    """The parametrization that keeps a parameter within its bounds; empty without bounds."""
+    """The Python expression of the parametrization that keeps a parameter within its bounds, such
+    as `Above(0.0, 1.0)`; empty without bounds.
+    """
     match parameter.minimum, parameter.maximum:
         case None, None:
             return ""
@@ -215,7 +224,9 @@ def _bounds(parameter: Parameter) -> str:
 
 
 def _port_lines(program: Program, interface: StepInterface) -> list[tuple[str, list[str]]]:
-    """Headings and lines of the class's docstring."""
+    """The sections of the class's docstring: heading, and a line for each input, state, output,
+    parameter and window.
+    """
     outputs = [(o.name, program.step[o.node].type, o.doc) for o in program.outputs]
     return [
         ("Inputs", [_port_line(port) for port in interface.inputs]),
@@ -251,7 +262,9 @@ def _array_text(values: list[float], shape: tuple[int, ...]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Text of a spec for use inside triple quotes: one line, escaped."""
+    """Text of a spec for use between triple quotes in Python: in one line, with quotes and
+    backslashes escaped.
+    """
     # the text must not end the docstring or start an escape sequence
     plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return plain.replace("\\", "\\\\").replace('"', '\\"')
@@ -269,11 +282,11 @@ def write_torch(
     prefix: str,
     dtype: Literal["float32", "float64"] = "float64",
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>.py`, `<prefix>.safetensors` and a README, `<prefix>_torch.md`.
-
-    The program is in step form. `dtype` is the default precision of the module's `load`. Weights
-    are physical float64 arrays; the default is the initial values. Returns the paths. Raises
-    OSError if the folder is not writable, ValueError for a weight of a wrong shape.
+    """Writes `<prefix>.py`, `<prefix>.safetensors` and a README, `<prefix>_torch.md`, to `folder`;
+    returns their paths. The program is in step form. `weights` are physical arrays by name; a
+    missing one, or None, means initial values. `dtype` is the default precision of the module's
+    `load`. Raises ValueError for a program in window form or a weight of a wrong shape, OSError if
+    a file cannot be written.
     """
     # checked first, so that a wrong weight leaves no files
     arrays = physical_weights(program, weights or {})
@@ -294,7 +307,7 @@ def write_torch(
 
 
 def _zeros(ports: Iterable[Port], dtype: str) -> str:
-    """Python source of a dictionary of zeros for the ports, with a batch of one."""
+    """A Python expression: a dict of zero tensors (1, *shape) by name of port, for the README."""
     entries = [
         f"{port.signal.name!r}: torch.zeros({(1, *port.type.shape)}, dtype=torch.{dtype})"
         for port in ports

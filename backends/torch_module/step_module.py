@@ -13,12 +13,13 @@ from compiler.ir.program import Program
 
 
 class StepModule(nn.Module):
-    """One step of a model in this process; it behaves like an exported module.
+    """One step of a model in step form as a torch module in this process. It is used like an
+    exported one:
 
         state = module.initial_state(windows)
         outputs, state = module(inputs, state)
 
-    The first axis of every tensor is the batch; a window has its oldest sample first. Ports are
+    The first axis of every tensor is the batch; a window has its oldest sample first. Values are
     physical, in the units of the spec. Learned parameters are `parameters()`, in a form that keeps
     them within their bounds; `weights()` returns their physical values.
     """
@@ -33,19 +34,24 @@ class StepModule(nn.Module):
     def forward(
         self, inputs: Mapping[str, Tensor], state: Mapping[str, Tensor]
     ) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
-        """Returns the outputs of this step and the next state."""
+        """The outputs of this step and the next state, from the inputs and the state; all by name,
+        (B, *shape). Raises KeyError for a missing one.
+        """
         batch = self._batch({**inputs, **state})
         found = self.model.step_on(_cut(inputs, self._inputs), state, self.model.frame(), batch)
         return found.outputs, found.next_states
 
     def initial_state(self, windows: Mapping[str, Tensor] | None = None) -> dict[str, Tensor]:
-        """The state before the first step, from recorded samples around it."""
+        """The state before the first step by name, from recorded samples around it. `windows` has
+        (B, *shape), or (B, *shape, samples), by name of signal; None if the start reads none.
+        Raises KeyError for a missing one.
+        """
         windows = windows or {}
         frame, batch = self.model.frame(), self._batch(windows)
         return self.model.start_on(_cut(windows, self._windows), frame, batch)
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values by name, as other functions expect weights."""
+        """The physical values of all parameters by name, as float64 arrays."""
         return self.model.weights()
 
     @staticmethod
@@ -54,7 +60,9 @@ class StepModule(nn.Module):
 
 
 def _cut(given: Mapping[str, Tensor], ports: Mapping[str, Port]) -> Windows:
-    """Windows of ports; tensors have a time axis only if the port has several samples."""
+    """A function that reads samples of `given`, tensors by name: (signal, first, last) → (B,
+    *shape, last−first+1). A tensor has a time axis only if its port has several samples.
+    """
 
     def windows(signal: str, first: int, last: int) -> Tensor:
         port, value = ports[signal], given[signal]

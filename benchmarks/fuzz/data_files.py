@@ -131,11 +131,15 @@ def write_files(
     others = [f"{c.name}: {c.key}" for c in columns if c.name != "t" and c.key != c.name]
     keys |= {"columns": f"{{{', '.join(others)}}}"} if others else {}
     keys |= {"csv": f"{{{', '.join(said)}}}"} if said else {}
+    mark = rng.choice([None, None, "-9999", "fault"][: 4 if kind in (*_TEXT, "xlsx") else 3])
+    keys |= {"missing": f"[{mark}, 1e30]"} if mark else {}
     names: list[str] = []
     for index, table in enumerate(tables):
         name = f"{'abc'[index]}.{kind}"
         names.append(name)
         cells = {one.name: _cells(table[one.name], one, clock) for one in columns}
+        if mark is not None:
+            cells |= {name: _marked(cells[name], mark, rng) for name in "uzy"}
         path = folder / name
         if kind in _TEXT:
             text = _text(columns, cells, rng, _TEXT[kind], comma=comma, comment=comment)
@@ -180,6 +184,12 @@ def _cells(values: Values, column: _Column, clock: Clock) -> list[float | str]:
         return [_date(value, clock) for value in values]
     _, factor, offset = _unit(column)
     return [float(value) for value in values * factor + offset]
+
+
+def _marked(cells: Sequence[float | str], mark: str, rng: random.Random) -> list[float | str]:
+    """The cells with the mark in some that lack a value."""
+    sign = mark if mark == "fault" else float(mark)
+    return [sign if cell != cell and rng.random() < 0.5 else cell for cell in cells]
 
 
 def _text(

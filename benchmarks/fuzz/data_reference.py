@@ -45,8 +45,9 @@ def reference(
 ) -> tuple[list[Rows], set[str]]:
     """The expected recordings of the tables, or the codes of the expected errors."""
     every = int(keys.get("every", 1))
+    gap = keys.get("gap")
     resamples = keys.get("resample") in ("linear", "nearest")
-    chains = _chains(tables, every, resamples) if keys.get("join") else [[t] for t in tables]
+    chains = _chains(tables, every, resamples, gap) if keys.get("join") else [[t] for t in tables]
     recordings: list[Rows] = []
     codes: set[str] = set()
     for chain in chains:
@@ -75,7 +76,9 @@ def reference(
     return recordings, codes
 
 
-def _chains(tables: Sequence[Table], every: int, resamples: bool) -> list[list[Table]]:
+def _chains(
+    tables: Sequence[Table], every: int, resamples: bool, gap: str | None
+) -> list[list[Table]]:
     """Groups files that follow each other in time, each with the earliest successor."""
     next_of: dict[int, int] = {}
     for i, table in enumerate(tables):
@@ -84,7 +87,7 @@ def _chains(tables: Sequence[Table], every: int, resamples: bool) -> list[list[T
             for j, other in enumerate(tables)
             if j != i
             and j not in next_of.values()
-            and _follows(other["t"][0] - table["t"][-1], table["t"], every, resamples)
+            and _follows(other["t"][0] - table["t"][-1], table["t"], every, resamples, gap)
         ]
         if following:
             next_of[i] = min(following)[1]
@@ -97,9 +100,9 @@ def _chains(tables: Sequence[Table], every: int, resamples: bool) -> list[list[T
     return chains
 
 
-def _follows(step: float, moments: Values, every: int, resamples: bool) -> bool:
+def _follows(step: float, moments: Values, every: int, resamples: bool, gap: str | None) -> bool:
     if resamples:
-        return 0 < step <= _longest_step(moments)
+        return 0 < step <= _longest_step(moments, gap)
     return abs(step - STEP / every) <= 0.01 * STEP
 
 
@@ -107,9 +110,11 @@ def _usual(moments: Values) -> float:
     return float(np.median(np.diff(moments))) if len(moments) > 1 else 0.0
 
 
-def _longest_step(moments: Values) -> float:
+def _longest_step(moments: Values, gap: str | None) -> float:
     """The longest regular step of time; a longer one is a gap."""
-    return 2 * max(STEP, _usual(moments)) * (1 + 1e-6)
+    if gap is not None and gap.endswith("s"):
+        return max(float(gap[:-1]), 1.5 * _usual(moments)) * (1 + 1e-6)
+    return float(gap or 2.5) * max(STEP, _usual(moments)) * (1 + 1e-6)
 
 
 def _bounds(moments: Values, keys: dict[str, str], zero: float) -> tuple[int, int]:
@@ -175,7 +180,7 @@ def _resampled(part: Table, keys: dict[str, str]) -> _Found:
             continue
         columns[name] = np.array([_value(x, at, values, how) for x in grid])
         lost_times[name] = _lost_times(part, name, at)
-        holes = np.diff(at) > _longest_step(at)
+        holes = np.diff(at) > _longest_step(at, keys.get("gap"))
         wanting = [any(a < x < b for x in lost_times[name]) for a, b in pairwise(at)]
         for row, moment in enumerate(grid):
             lost_rows[name][row] = _is_within(moment, at, wanting)

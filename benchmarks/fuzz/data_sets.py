@@ -76,7 +76,7 @@ def trial(seed: int, folder: Path) -> tuple[str | None, bool]:
         rng.shuffle(tables)
     clock = drawn_clock(rng)
     files, layout = write_files(tables, clock, folder, rng)
-    said = {**layout, **{key: key_text(value, clock) for key, value in keys.items()}}
+    said = {**layout, **{k: v if k == "gap" else key_text(v, clock) for k, v in keys.items()}}
     lines = [f"  {key}: {value}" for key, value in said.items()]
     spec = folder / "plant.msnn.yaml"
     spec.write_text(SPEC.format(files=", ".join(files), keys="\n".join(lines)))
@@ -131,6 +131,7 @@ def drawn_keys(rng: random.Random) -> dict[str, str]:
     choices = {
         "resample": (0.8, ["linear", "nearest", "none", "linear"]),
         "nan": (0.8, ["split", "split", "drop", "error"]),
+        "gap": (0.3, ["1.2", "2", "4", "0.25 s", "1.3 s"]),
         "join": (0.5, ["true"]),
         "from": (0.3, ["2", "5", "0.25 s", "0.5 s"]),
         "to": (0.3, ["9", "12", "1.15 s", "1.5 s"]),
@@ -138,7 +139,10 @@ def drawn_keys(rng: random.Random) -> dict[str, str]:
         "filter": (0.3, ['"u > -0.5"', '"u > 0.2"']),
         "split": (0.4, list(SPLITS)),
     }
-    return {key: rng.choice(values) for key, (p, values) in choices.items() if rng.random() < p}
+    keys = {key: rng.choice(values) for key, (p, values) in choices.items() if rng.random() < p}
+    if keys.get("resample") not in ("linear", "nearest"):
+        keys.pop("gap", None)  # E0876
+    return keys
 
 
 def difference(data: Dataset, expected: Sequence[Rows]) -> str | None:

@@ -5,7 +5,6 @@ lists, selection.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -111,17 +110,22 @@ def lower_plugin_function(
     context.plugin_functions.add(line.key)
     builder = context.builder(environment)
     # specs without plug-ins do not need it
-    from compiler.layers.rules.plugin_nodes import guarded_expansion
+    from compiler.layers.rules.plugin_nodes import (
+        PluginBuilder,
+        PluginNode,
+        guarded_expansion,
+    )
 
     part = PluginPart("function", line.key, line.expand.module, (LoweringFailed, AxisConflict))
+    own, expand = PluginBuilder(builder), line.expand.value
 
     if not call.arguments:
-        return guarded_expansion(part, partial(line.expand.value, builder), builder, call.span)
+        return guarded_expansion(part, expand, builder, call.span, own)
     nodes = lower_operands(context, call.arguments, environment)
     _warn_of_twin_axes(context, line.key, call, nodes, environment)
     with aligning(context, line.key, call, call.arguments[0], call.arguments[-1]):
-        expand = partial(line.expand.value, builder, *nodes)
-        return guarded_expansion(part, expand, builder, call.span)
+        operands = [PluginNode(node, builder) for node in nodes]
+        return guarded_expansion(part, expand, builder, call.span, own, *operands)
 
 
 def _check_arguments(context: Context, name: str, signature: Signature, call: Call) -> None:

@@ -16,6 +16,7 @@ from compiler.ir.program import Program, Signal
 from compiler.jacobian.matrices import Jacobian
 from msnn.data.dataset import FloatArray
 from msnn.data.rollout_rows import reach
+from msnn.errors.failures import MissingPluginError
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.late_dataclass import dataclass
@@ -142,8 +143,8 @@ def agreement_record(model: Model, program: Program, folder: Path) -> AgreementR
     program = _unscored(program)
     if model.spec.data is not None:
         try:
-            data = load_data(program, model.spec.data, folder)
-        except SpecError:
+            data = load_data(program, model.spec.data, folder, recorded=model.recorded)
+        except (SpecError, MissingPluginError):
             return drawn_record(program, "drawn numbers, as the spec's data cannot be read")
         # longest of those without gap: a free run goes through all of it
         stretches = data.stretches()

@@ -124,7 +124,8 @@ def validate_on(
     known = known_in(model, weights)
     with sources_of(model):
         with told_where_they_were(model, data_root):
-            files = load_file_sets(model.program, model.spec, data_folder(model, data_root))
+            folder = data_folder(model, data_root)
+            files = load_file_sets(model.program, model.spec, folder, model.recorded)
         report = validation.validate(
             model.program,
             dataset,

@@ -12,6 +12,7 @@ from msnn.errors.learning.runs import no_run
 from msnn.model.model_data import sources_of
 from msnn.model.saved_run import run_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.errors.plugins import OTHER_VERSION
 
 if TYPE_CHECKING:
     from msnn.data.dataset import Dataset
@@ -102,7 +103,9 @@ def report(
         )
     )
     path = found.folder / PAGE if file is None else Path(file)
-    return WrittenReport(write_text(path, text), tuple(warnings), not isinstance(live, NotLive))
+    changed = [warning for warning in model.warnings if warning.code == OTHER_VERSION]
+    said = (*changed, *warnings)
+    return WrittenReport(write_text(path, text), said, not isinstance(live, NotLive))
 
 
 def _other_data(*, were_given: bool) -> Diagnostic:

@@ -16,8 +16,9 @@ from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
 from msnn.cli.output_options import NOW, forget_manners, terminal_width, with_manners
 from msnn.cli.verb_group import VerbCommand, VerbGroup, plugin_with_verb
-from msnn.errors.failures import ReaderGoneError
+from msnn.errors.failures import ReaderGoneError, VerbFaultError
 from msnn.tables import LINE_WIDTH
+from spec_schema.errors.plugins import TRACEBACKS
 from spec_schema.plugins import Plugin
 
 VERBS = (
@@ -97,6 +98,7 @@ def run(arguments: Sequence[str]) -> int:
     """Runs one command with these arguments; returns its exit code and raises nothing."""
     began = time.monotonic()
     forget_manners()
+    TRACEBACKS.clear()
     LINE_WIDTH.set(terminal_width())
     code = _ended(arguments)
     NOW.outputs.forget()
@@ -111,6 +113,7 @@ def run(arguments: Sequence[str]) -> int:
         # another
         code = max(code, _ended_writing(NOW.output, NOW.results))
     if NOW.is_verbose:
+        print(*TRACEBACKS, sep="", end="", file=sys.stderr)
         print(f"took {time.monotonic() - began:.2f} s", file=sys.stderr)
     return code
 
@@ -135,7 +138,7 @@ def _ended(arguments: Sequence[str]) -> int:
     except SystemExit as end:
         if is_interrupt(end):
             return _tell_of_interrupt()
-        return end.code if isinstance(end.code, int) else ExitCode.OK
+        return _code_of(end)
     except KeyboardInterrupt:
         return _tell_of_interrupt()
     # `msnn show … | head` has got what it wanted: no failure, as for other tools of a shell
@@ -149,12 +152,23 @@ def _ended(arguments: Sequence[str]) -> int:
         from msnn.cli.console import answer
 
         code = answer(error)
-        if NOW.is_verbose:
-            _show_fault_of_plugin(error)
         if code is ExitCode.BUG:
             _tell_of_bug(error, arguments)
         return code
     return ExitCode.OK
+
+
+def _code_of(end: SystemExit) -> int:
+    """The exit code as Python defines it; a message of `sys.exit(message)` goes to stderr."""
+    if end.code is None:
+        return ExitCode.OK
+    if isinstance(end.code, int):
+        # the system keeps the last byte, and 256 would be success
+        return end.code if 0 <= end.code < 256 else ExitCode.DIAGNOSTICS
+    from spec_schema.diagnostics.source import printable
+
+    print(printable(str(end.code)), file=sys.stderr)
+    return ExitCode.DIAGNOSTICS
 
 
 def _needed(arguments: Sequence[str]) -> Sequence[str]:
@@ -195,26 +209,14 @@ def _tell_of_interrupt() -> ExitCode:
     return ExitCode.INTERRUPTED
 
 
-def _show_fault_of_plugin(error: BaseException) -> None:
-    """Prints the traceback of an exception of a plug-in."""
-    from spec_schema.diagnostics.diagnostic import SpecError
-
-    cause: BaseException | None = error
-    while isinstance(cause, SpecError):
-        if not any(fault.code == "E0230" for fault in cause.diagnostics):
-            return
-        cause = cause.__cause__ or cause.__context__
-    if cause is not None and cause is not error:
-        traceback.print_exception(cause)
-
-
 def _tell_of_bug(error: Exception, arguments: Sequence[str]) -> None:
     # a plug-in's verb may fail before its options are read
     if NOW.is_verbose or not {"-v", "--verbose"}.isdisjoint(arguments):
         traceback.print_exception(error)
     from spec_schema.diagnostics.source import printable
 
-    said = f"({type(error).__name__}: {printable(str(error))}); `--verbose` shows where"
+    kind = "" if isinstance(error, VerbFaultError) else f"{type(error).__name__}: "
+    said = f"({kind}{printable(str(error))}); `--verbose` shows where"
     plugin = _plugin_of(arguments)
     if plugin is None:
         print(f"msnn met a mistake of its own {said}, please report it", file=sys.stderr)

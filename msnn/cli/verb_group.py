@@ -12,6 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from msnn.cli.console import report
 from msnn.cli.output_options import with_manners
+from msnn.cli.plugin_verb import guarded_verb, refuse_twin_options
 from spec_schema.diagnostics.source import printable
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.plugins import Plugin, look_up, plugins_with
@@ -95,29 +96,38 @@ def _command_of(line: VerbLine) -> Any:
     whole.callback()(_no_options)
     verb = line.command.value
     if isinstance(verb, typer.Typer):
-        whole.add_typer(_with_manners(verb), name=line.key, help=line.help, no_args_is_help=True)
+        whole.add_typer(
+            _with_manners(verb, line.command.module),
+            name=line.key,
+            help=line.help,
+            no_args_is_help=True,
+        )
     else:
         text = verb.__doc__ or line.help
-        whole.command(line.key, cls=VerbCommand, help=text)(with_manners(verb))
+        whole.command(line.key, cls=VerbCommand, help=text)(
+            with_manners(guarded_verb(verb, line.command.module))
+        )
     group: Any = typer.main.get_command(whole)
-    return group.commands[line.key]
+    command = group.commands[line.key]
+    refuse_twin_options(command)
+    return command
 
 
 def _no_options() -> None:
     """Does nothing; a callback makes typer build a group even for a single command."""
 
 
-def _with_manners(app: typer.Typer) -> typer.Typer:
+def _with_manners(app: typer.Typer, module: str) -> typer.Typer:
     """A copy of an application of several commands, each with the options that every verb has."""
     copied = copy.copy(app)
     copied.registered_commands = [copy.copy(info) for info in app.registered_commands]
     for info in copied.registered_commands:
         assert info.callback is not None
-        info.callback = with_manners(info.callback)
+        info.callback = with_manners(guarded_verb(info.callback, module))
     copied.registered_groups = [copy.copy(info) for info in app.registered_groups]
     for info in copied.registered_groups:
         assert info.typer_instance is not None
-        info.typer_instance = _with_manners(info.typer_instance)
+        info.typer_instance = _with_manners(info.typer_instance, module)
     return copied
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.files.disk_arrays import AT_ONCE, DiskArray
+from compiler.ir.program import UsedPlugin
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
@@ -125,6 +126,9 @@ class Dataset:
     warnings: tuple[Diagnostic, ...] = ()
     measured: Mapping[str, BoolArray] = field(default_factory=dict[str, BoolArray])
     """Masks of measured rows, for signals whose other rows hold interpolated values."""
+
+    plugins: Mapping[str, UsedPlugin] = field(default_factory=dict[str, UsedPlugin])
+    """The plug-ins that read the files, by suffix."""
 
     def measured_values(self, name: str) -> FloatArray:
         """(rows, *shape) of a signal, with NaN instead of interpolated values."""

@@ -240,14 +240,20 @@ def rollouts(
     full = np.where(samples >= horizon, (samples - horizon) // stride + 1, 0)
     # ⌈starts / stride⌉: so many of t0 = 0, stride, … are among the rows that the start can read
     full = np.minimum(full, -(-starts // stride))
-    count = full
+    count, left = full, np.zeros_like(full)
     if rest:
         left = samples - full * stride
         count = full + ((left > 0) & (full * stride < starts))
-    which = np.repeat(np.arange(len(episodes)), count)
-    # 0, 1, … within each episode, without a loop over episodes
-    number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    t0 = first[which] + number * stride
-    # the last one with `rest` is shorter
-    steps = np.minimum(horizon, first[which] + samples[which] - t0)
-    return Runs(t0, steps, int(np.sum(count == 0)), longest)
+    ends = np.cumsum(count)
+    # there may be as many rollouts as rows: few arrays of that size, and no loop over episodes
+    t0 = np.full(int(count.sum()), stride, np.int64)
+    there = count > 0
+    last = (first + (count - 1) * stride)[there]
+    t0[(ends - count)[there]] = first[there] - np.concatenate([[0], last[:-1]])
+    np.cumsum(t0, out=t0)
+    steps = np.broadcast_to(np.int64(horizon), len(t0))
+    shorter = count > full
+    if shorter.any():
+        steps = steps.copy()
+        steps[ends[shorter] - 1] = left[shorter]
+    return Runs(t0, steps, int(np.sum(~there)), longest)

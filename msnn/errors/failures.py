@@ -12,6 +12,10 @@ class ReaderGoneError(Exception):
     """Whoever reads our output has closed it: `msnn show … | head`."""
 
 
+class VerbFaultError(Exception):
+    """A mistake of a plug-in's verb, which its package has to repair."""
+
+
 class MissingExtraError(Exception):
     """Something optional that a command needs is not installed."""
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
+from spec_schema.yaml_tree.writer import scalar_text
 
 _AT_A_KINK = {
     "sign": "`sign` jumps",
@@ -71,13 +72,21 @@ def vast_jacobian(numbers: int, most: int, span: Span | None) -> Diagnostic:
     return error("E0957", span, message, f"{most:,} at most", notes=notes, help=repair)
 
 
-def unknown_signal(name: str, span: Span, signals: Sequence[str]) -> Diagnostic:
+def unknown_signal(
+    name: str, span: Span, signals: Sequence[str], column: str | None = None
+) -> Diagnostic:
     """E0952: a column for a signal that the model does not have."""
     meant = nearest(name, signals)
     message = f"a column for `{name}`, which is not a logged signal"
     label = "not an input, target or measured state"
     notes = (f"logged signals: {', '.join(signals)}",)
     repair = did_you_mean(meant)
+    if column in signals:
+        repair = (
+            "the signal stands on the left, its column on the right: "
+            f"`columns: {{{column}: {scalar_text(name, in_flow=True)}}}`"
+        )
+        meant = None
     return error("E0952", span, message, label, notes=notes, help=repair, replacement=meant)
 
 

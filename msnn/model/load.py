@@ -88,7 +88,14 @@ def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
     # with the run's own settings: those given here may change training, never what was kept
     if hash_of(model.text, model.parts, model_settings(kept.settings)) != kept.sha256:
         raise SpecError((nothing_kept(str(run)),))
-    return replace(model, settings=settings, run=run, trained_in=kept.trained_in)
+    return replace(
+        model,
+        settings=settings,
+        run=run,
+        trained_in=kept.trained_in,
+        recorded=kept.formats,
+        warnings=(*kept.warnings, *model.warnings),
+    )
 
 
 def _compiled(

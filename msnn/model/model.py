@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from compiler.elaboration.section import SectionProblem, problem_of_class
-from compiler.ir.program import Program
+from compiler.ir.program import Program, UsedPlugin
 from compiler.ir.types import Type
 from compiler.linking.link import WeightsByPart
 from msnn.data.dataset import FloatArray
@@ -57,6 +57,8 @@ class Model:
     """Overridden values, such as `train.0.epochs=5`."""
     run: Path | None = None
     """The run from whose folder the model was loaded; None for a spec or a program file."""
+    recorded: Mapping[str, UsedPlugin | None] = field(default_factory=dict[str, UsedPlugin | None])
+    """By suffix of the data files of the run: the plug-in that read them, None for our formats."""
     trained_in: str | None = None
     """The folder of the spec when the run began, if it does not exist here."""
 

@@ -44,7 +44,9 @@ def read_data(
     with sources_of(model), told_where_they_were(model, data_root):
         signals = program or model.program
         filters = row_filters(model.spec)
-        found = load_data(signals, model.spec.data, folder, filters, model.program)
+        found = load_data(
+            signals, model.spec.data, folder, filters, model.program, recorded=model.recorded
+        )
         # a training sums over rows; others keep a result for each
         if found.is_on_disk and purpose != "training" and found.rows > MOST_ROWS:
             raise SpecError((_too_many_rows(purpose, found.rows),))

@@ -13,8 +13,14 @@ from msnn.errors.learning.runs import unfinished_run
 from msnn.model.model import Model
 from msnn.model.saved_run import FOLD, LATEST, WEIGHTS, age, followed, has_checkpoint, newest
 from msnn.model.trained_model import refuse_other_model
-from msnn.model.weights.weights_file import initial_weights, known_weights, read_weights
+from msnn.model.weights.weights_file import (
+    changed_plugins,
+    initial_weights,
+    known_weights,
+    read_weights,
+)
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.errors.plugins import other_version
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +88,12 @@ def choose_weights(
         if unfinished is not None and age(unfinished) > age(_whole_run(latest.resolve())):
             warnings = (unfinished_run(str(unfinished), str(latest.resolve().name)),)
     refuse_other_model(model, file)
+    if model.run is None or model.run.resolve() != file.parent.resolve():
+        # a model of a run has these warnings already
+        warnings += tuple(
+            other_version(f"{file} was trained", now.package, then, now.version)
+            for then, now in changed_plugins(file, program)
+        )
     return ChosenWeights(read_weights(file, program), str(file), warnings, file)
 
 

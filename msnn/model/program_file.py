@@ -21,8 +21,9 @@ from msnn.errors.commands import foreign_spec, no_program_name
 from msnn.errors.failures import MissingPluginError
 from msnn.model.model import PROGRAM_SUFFIX, Model
 from msnn.model.model_files import hash_of, number_parts, number_texts, parts_of
-from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors.files import unreadable_file
+from spec_schema.errors.plugins import other_version
 from spec_schema.errors.settings import compiled_already
 from spec_schema.plugins import look_up
 from spec_schema.reading.reader import read_spec, refuse_endless
@@ -87,7 +88,7 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
         raise SpecError([compiled_already(path, source.span(0, len(path)))], (source,))
     embedded = _embedded_spec(data, file.parent)
     program = program_from_data(data, shown)
-    require_plugins({each.package: each.version for each in program.plugins}, shown)
+    others = require_plugins({each.package: each.version for each in program.plugins}, shown)
     if embedded is None:
         raise SpecError([foreign_spec(shown)])
     own = embedded.settings
@@ -105,8 +106,10 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     spec = link(
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
-    compiled = None
+    compiled, warnings = None, read.warnings
     if any(spec.sections()):
+        # the program is that of the file, and only these are compiled here
+        warnings += others
         hashed = program.spec_hash
         compiled = compile_spec(read.spec, used=read.used, numbers=numbers, spec_hash=hashed)
     return Model(
@@ -116,7 +119,7 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
         path=embedded.path,
         text=text,
         sources=sources,
-        warnings=read.warnings,
+        warnings=warnings,
         read=read,
         parts=parts,
         settings=settings,
@@ -165,28 +168,23 @@ def _texts(data: Any) -> dict[str, str]:
     return {name: text for name, text in items if isinstance(text, str) and "\0" not in name}
 
 
-def require_plugins(versions: Mapping[str, str], file: str) -> None:
-    """Raises MissingPluginError if a plug-in with which a file was made is not installed or fails
-    to load.
+def require_plugins(versions: Mapping[str, str], file: str) -> tuple[Diagnostic, ...]:
+    """Warnings (W0956) about plug-ins that are installed in another version than a file names.
 
-    `versions` are those with which the file was made, by package; another version is accepted.
+    Raises MissingPluginError for the first package, by name, that is not installed or fails.
     """
     if not versions:
-        return
+        return ()
     plugins = look_up()
-    installed = {plugin.package for plugin in plugins.found}
+    installed = {plugin.package: plugin.version for plugin in plugins.found}
     for package, version in sorted(versions.items()):
         if package not in installed:
             raise MissingPluginError(package, version, file, plugins.failed.get(package, ""))
-
-
-def recorded_plugins(record: Mapping[str, Any]) -> dict[str, str]:
-    """The versions of plug-ins, by package, that the content of a `run.json` names; it may be
-    damaged.
-    """
-    plugins = record.get("plugins")
-    items = cast("dict[str, Any]", plugins).items() if isinstance(plugins, dict) else ()
-    return {package: str(version) for package, version in items}
+    return tuple(
+        other_version(f"{file} was made", package, version, installed[package])
+        for package, version in sorted(versions.items())
+        if version != installed[package]
+    )
 
 
 def plugins_text(versions: Mapping[str, str]) -> str:

@@ -9,9 +9,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
+from compiler.ir.program import UsedPlugin
 from msnn.errors.learning.runs import no_run, nothing_kept
 from msnn.model.model_files import kept_name
-from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import refuse_endless
 
@@ -45,6 +46,10 @@ class KeptSpec:
     sha256: str
     trained_in: str | None
     """The folder of the spec when the run began, if it does not exist here."""
+    formats: Mapping[str, UsedPlugin | None]
+    """The plug-in that read the data files of each suffix; None for formats of msnn."""
+    warnings: tuple[Diagnostic, ...]
+    """Warnings about plug-ins that are installed in another version."""
 
 
 def leads_to(path: Path) -> Path | None:
@@ -97,10 +102,11 @@ def is_kept(file: Path) -> bool:
 def kept_spec(run: Path) -> KeptSpec:
     """The model saved in a run, read as untrusted input. Raises SpecError if it is incomplete."""
     record = read_json(run / DESCRIPTION)
+    warnings: tuple[Diagnostic, ...] = ()
     if "plugins" in record:
-        from msnn.model.program_file import recorded_plugins, require_plugins
+        from msnn.model.program_file import require_plugins
 
-        require_plugins(recorded_plugins(record), str(run / DESCRIPTION))
+        warnings = require_plugins(recorded_plugins(record), str(run / DESCRIPTION))
     try:
         text = _text(run / SPEC)
         parts = cast("dict[str, dict[str, str]]", record.get("parts", {}))
@@ -131,6 +137,8 @@ def kept_spec(run: Path) -> KeptSpec:
         settings=settings,
         sha256=sha256,
         trained_in=trained_in,
+        formats=recorded_formats(record),
+        warnings=warnings,
     )
 
 
@@ -175,6 +183,41 @@ def read_json(file: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+
+
+def recorded_plugins(record: Mapping[str, Any]) -> dict[str, str]:
+    """The packages of the model's plug-ins in `run.json`, with their versions; untrusted input."""
+    plugins = record.get("plugins")
+    items = cast("dict[str, Any]", plugins).items() if isinstance(plugins, dict) else ()
+    return {package: str(version) for package, version in items}
+
+
+def recorded_formats(record: Mapping[str, Any]) -> dict[str, UsedPlugin | None]:
+    """By suffix of the data files in `run.json`: the plug-in that read them, None for our formats.
+
+    The record is untrusted input.
+    """
+    data = record.get("data")
+    data = cast("dict[str, object]", data) if isinstance(data, dict) else {}
+    files, plugins = data.get("files"), data.get("plugins")
+    names = cast("list[object]", files) if isinstance(files, list) else []
+    found: dict[str, UsedPlugin | None] = {
+        Path(name).suffix.lower(): None for name in names if isinstance(name, str)
+    }
+    items = cast("dict[str, object]", plugins).items() if isinstance(plugins, dict) else ()
+    for suffix, plugin in items:
+        match plugin:
+            case {"package": str(package), "version": str(version)}:
+                found[suffix] = UsedPlugin(package, version)
+            case _:
+                pass
+    return found
+
+
+def data_plugins(record: Mapping[str, Any]) -> dict[str, str]:
+    """The packages of the plug-ins in `run.json` that read the data, with their versions."""
+    found = filter(None, recorded_formats(record).values())
+    return {plugin.package: plugin.version for plugin in found}
 
 
 def _text(file: Path) -> str:

@@ -93,7 +93,15 @@ def _columns(model: Model, sections: Sequence[Data], findings: Findings) -> None
     for columns in named:
         for name, column in columns.items():
             if name.removesuffix(_LOG_SUFFIX) not in known:
-                findings.report(errors.unknown_signal(name, column.place.key, known))
+                findings.report(
+                    errors.unknown_signal(name, column.place.key, known, _column_of(column))
+                )
+
+
+def _column_of(column: Column) -> str | None:
+    """The only column that feeds a signal, as the spec names it."""
+    keys = column.column
+    return str(keys[0].column) if len(keys) == 1 else None
 
 
 def _readers(data: Data, findings: Findings) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from msnn.errors.learning.runs import unreadable_run
-from msnn.model.program_file import plugins_text, recorded_plugins
+from msnn.model.program_file import plugins_text
 from msnn.model.saved_run import (
     DESCRIPTION,
     FOLD,
@@ -20,9 +20,11 @@ from msnn.model.saved_run import (
     PARAMETERS,
     SPEC,
     WEIGHTS,
+    data_plugins,
     has_checkpoint,
     newest,
     read_json,
+    recorded_plugins,
     run_of,
 )
 from msnn.reports.training_summary import (
@@ -234,6 +236,7 @@ def _heading(run: Run) -> str:
         ("data", f"{count(len(data['files']), 'record')}, rows: {rows}"),
         ("trained with", ", ".join(f"{n} {v}" for n, v in found["versions"].items())),
         *([("plug-ins", plugins_text(plugins))] if (plugins := recorded_plugins(found)) else []),
+        *([("data read by", plugins_text(plugins))] if (plugins := data_plugins(found)) else []),
         ("on", ", ".join(places)),
     ]
     return table_text(("run", str(run.folder)), lines)

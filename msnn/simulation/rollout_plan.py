@@ -402,6 +402,8 @@ def _steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
             for offset in range(extent.first, extent.last + 1):
                 # no rollout starts where this leaves the data
                 known &= ~missing[np.clip(np.arange(data.rows) + offset, 0, data.rows - 1)]
+    if known.all():
+        return np.broadcast_to(np.int64(0), len(runs))
     never = 2 * data.rows
     rows = np.append(np.flatnonzero(known), never)
     later = rows[np.searchsorted(rows, runs.t0)] - runs.t0

@@ -50,7 +50,9 @@ def simulation_data(
         # other files have the columns of the spec's: only what is read of them differs
         section = data_of_files(model.spec.data or plain_layout(model), files, data_set)
         filters = row_filters(model.spec.model_copy(update={"data": section}))
-        return load_data(program, section, Path.cwd(), filters, model.program)
+        return load_data(
+            program, section, Path.cwd(), filters, model.program, recorded=model.recorded
+        )
 
 
 def given_files(data: GivenData) -> list[Path] | None:

@@ -1,5 +1,6 @@
 """The `data` section: files, rows, columns of the records, and their sets train, val, test."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field
@@ -11,10 +12,11 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
 from spec_schema.expressions.moments import Date
+from spec_schema.expressions.scanner import NUMBER_PATTERN, parse_length
 from spec_schema.expressions.tree import Duration
 from spec_schema.fields.entry import BySignal, Entry, Named, RefusedError, findings_of
 from spec_schema.fields.formulas import ConditionField
-from spec_schema.fields.leaf import Gathering, one_or_many
+from spec_schema.fields.leaf import Gathering, Located, one_or_many
 from spec_schema.fields.plain import (
     Character,
     LocatedText,
@@ -95,6 +97,36 @@ _COLUMN = {"type": ["string", "integer"], "minimum": 0}
 ColumnField: TypeAlias = Annotated[ColumnName, reads(_read_column, _COLUMN)]
 
 
+def _read_mark(node: Node, findings: Findings) -> Located[float | str]:
+    found = scalar(node, findings, "a number or a text")
+    value = found.value
+    if not found.text.strip() or value is None:
+        findings.report(errors.empty_value("a mark of missing values", found.span))
+        raise RefusedError
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return Located(found.text.strip(), found.span, found.key)
+    if not math.isfinite(value):
+        # NaN is missing in every file, and infinity is a mistake in every file
+        findings.report(errors.out_of_range(found.text, found.span, "finite, or a text"))
+        raise RefusedError
+    return Located(float(value), found.span, found.key)
+
+
+def _marks(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
+    items = read_items(node, info)
+    if not items:
+        wanted, repair = "a mark of missing values", "write `[-9999]`, or leave the key out"
+        findings_of(info).report(errors.wrong_kind(wanted, "an empty list", node.span, repair))
+        raise RefusedError
+    return items
+
+
+Mark: TypeAlias = Annotated[Located[float | str], reads(_read_mark, {"type": ["number", "string"]})]
+Marks: TypeAlias = Annotated[
+    tuple[Mark, ...], Gathering(_marks, schema=lambda mark: {**one_or_many(mark), "minItems": 1})
+]
+
+
 class Column(Entry):
     """The columns of one signal: value = scale * cell + offset, in `unit`."""
 
@@ -109,6 +141,8 @@ class Column(Entry):
     """Factor of the cells."""
     offset: Annotated[float, number()] = 0.0
     """Added after the factor."""
+    missing: Marks | None = None
+    """Numbers and texts of cells that mean: not measured."""
 
 
 SETS = ("train", "val", "test")
@@ -346,6 +380,38 @@ _EXAMPLES: Mapping[str, str] = {
 _SHARE_ROUNDING = 1e-9
 
 
+LEAST_GAP = 1.0
+
+
+def _read_gap(node: Node, findings: Findings) -> float | Duration:
+    """A number of steps, or a duration; a number is never taken for samples."""
+    found = scalar(node, findings, "a number of steps such as `2.5`, or a duration")
+    if isinstance(found.value, str):
+        length = parse_length(found.text, found.positions)
+        if not isinstance(length, Duration):
+            repair = "write `2.5`, times the sample time, or a duration such as `300 ms`"
+            findings.report(errors.wrong_kind("a number or a duration", "text", found.span, repair))
+            raise RefusedError
+        if not length.seconds > 0:
+            findings.report(errors.out_of_range(found.text, found.span, "above 0 s"))
+            raise RefusedError
+        return length
+    value = read_number(node, findings)
+    if not value > LEAST_GAP:
+        wanted = "above 1: a step of one sample time is no hole"
+        findings.report(errors.out_of_range(f"{value:g}", found.span, wanted))
+        raise RefusedError
+    return value
+
+
+_GAP = {
+    "type": ["number", "string"],
+    "exclusiveMinimum": LEAST_GAP,
+    "pattern": rf"^{NUMBER_PATTERN}[ \t]*(us|ms|s|min|h)$",
+}
+GapField: TypeAlias = Annotated[float | Duration, reads(_read_gap, _GAP)]
+
+
 class Csv(Entry):
     """The layout of a text file: `skip` lines, then a header if there is one, then rows.
 
@@ -416,12 +482,16 @@ class Layout(Entry):
         | None
     ) = None
     """What becomes of rows that are not one sample time apart."""
+    gap: GapField | None = None
+    """Longest step that `resample` fills: times the sample time (2.5), or a duration."""
     join: Switch | None = None
     """Whether files that follow each other in time are one record."""
     filter: ConditionField | None = None
     """Rows that are kept: those for which a comparison of signals holds."""
     records: Annotated[Literal["file", "row_group"], choice("file", "row_group")] | None = None
     """What a record is: a file, or a row group of a Parquet file, which is read at a time."""
+    missing: Marks | None = None
+    """Numbers and texts of cells that mean: not measured."""
 
 
 class Source(Layout):

@@ -135,6 +135,12 @@ def test_strict_units_refuses_what_else_is_a_warning(msnn: CommandLine, project:
         ("max: 3 mm", "max: 3 mm, data: tset", "error[E0953]: `data:` makes no set `tset`"),
         ("max: 3 mm", "max: 3 kg", "the limit 3 kg does not compare with a metric in m"),
         ("time: time", "time: time\n  columns: {G: F}", "error[E0952]: a column for `G`"),
+        # the names exchanged
+        (
+            "time: time",
+            "time: time\n  columns: {G: F}",
+            "its column on the right: `columns: {F: G}`",
+        ),
         ("train: data/train", "learn: data/train", "error[E0953]: `data:` makes no set `train`"),
         ("{dtype: float32}", "{outputs: [y]}", "error[E0950]: unknown output `y`"),
         (

@@ -21,6 +21,7 @@ from tests.data.unit_files import SPEC, load
 
 TIME = "  time: time\n"
 ROWS = "0,1\n0.1,2\n0.2,3\n"
+SEMICOLON = '  csv: {delimiter: ";"}\n'
 
 
 def fault_of(folder: Path, layout: str, unit: str = "m/s", name: str = "a.csv") -> Diagnostic:
@@ -44,6 +45,9 @@ def fault_of(folder: Path, layout: str, unit: str = "m/s", name: str = "a.csv") 
             "columns: {v: 1}",
         ),
         (ROWS, "  csv: {header: false}\n  time: 0\n", "E0804", "columns: {v: 0}"),
+        # names with a dot, which are columns and no signals of a submodel
+        (f"time,w\n{ROWS}", f"{TIME}  columns: {{v: car.z}}\n", "E0804", "columns: {v: w}"),
+        (f"time;w\n{ROWS.replace(',', ';')}", TIME + SEMICOLON, "E0804", "columns: {v: w}"),
     ],
 )
 def test_the_key_that_is_advised_reads_the_file(
@@ -80,6 +84,73 @@ def test_labels_that_are_no_names_are_advised_in_quotes(tmp_path: Path, labels: 
     advised = str(caught.value.diagnostics[0].help).split("`")[1]
     assert advised == f'columns: {{v: "{asked}"}}'
     assert read(advised).series["v"].tolist() == [1.0, 2.0]
+
+
+def test_a_column_that_stands_on_the_left_is_exchanged(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"time,v\n{ROWS}")
+    fault = fault_of(tmp_path, TIME + "  columns: {v: speed}\n")
+    assert fault.code == "E0804"
+    assert "if the two are exchanged, write `columns: {speed: v}`" in str(fault.help)
+
+
+def test_the_delimiter_that_is_advised_stands_beside_other_keys(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"# a log\ntime;v\n{ROWS.replace(',', ';')}")
+    keys = '  csv: {comment: "#", delimiter: ","}\n'
+    fault = fault_of(tmp_path, TIME + keys)
+    assert fault.code == "E0805"
+    advised = str(fault.help).split("`")[1]
+    data = load(tmp_path, "a.csv", "m/s", TIME + keys.replace('delimiter: ","', advised))
+    assert data.series["v"].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("picked", ["", "  from: 2026-10-25 02:00:02\n"])
+def test_the_end_of_summer_time_is_named(tmp_path: Path, picked: str) -> None:
+    times = [f"2026-10-25 02:{m}:{s:02}" for m, s in (("59", 58), ("59", 59), ("00", 0), ("00", 1))]
+    (tmp_path / "a.csv").write_text("time,v\n" + "".join(f"{time},1\n" for time in times))
+    layout = f"  time: time\n  resample: linear\n{picked}"
+    fault = fault_of(tmp_path, layout)
+    assert fault.code == "E0813"
+    assert "row 2 of a.csv goes back by an hour: the end of summer time?" in fault.message
+    offsets = ("+02:00", "+02:00", "+01:00", "+01:00")
+    text = "".join(f"{time}{zone},1\n" for time, zone in zip(times, offsets, strict=True))
+    (tmp_path / "a.csv").write_text(f"time,v\n{text}")
+    load(tmp_path, "a.csv", "m/s", "  time: time\n  resample: linear\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "begin"),
+    [
+        ("a.tdms", b"TDSm"),
+        ("a.h5", b"\x89HDF\r\n\x1a\n"),
+        ("a.hdf5", b"\x89HDF\r\n\x1a\n"),
+        ("a.mdf", b"MDF     "),
+        ("a.mat", b"MATLAB 5.0"),
+        ("a.bag", b"#ROSBAG V2.0\n"),
+        ("a.mcap", b"\x89MCAP0\r\n"),
+        ("a.db3", b"SQLite format 3\x00"),
+        ("a.parquet", b"PAR1"),
+    ],
+)
+def test_a_damaged_file_is_not_advised_the_name_that_it_has(
+    tmp_path: Path, name: str, begin: bytes
+) -> None:
+    (tmp_path / name).write_bytes(begin + bytes(range(200)))
+    layout = TIME if name in ("a.h5", "a.hdf5", "a.mat", "a.parquet") else ""
+    fault = fault_of(tmp_path, layout, name=name)
+    assert fault.code == "E0802"
+    assert "copy the file again" in str(fault.help)
+    assert "it is damaged" in fault.message
+
+
+def test_a_binary_file_is_not_advised_another_encoding(tmp_path: Path) -> None:
+    (tmp_path / "a.dat").write_bytes(bytes(range(256)))
+    fault = fault_of(tmp_path, TIME, name="a.dat")
+    assert fault.code == "E0802"
+    assert "neither text nor of a format" in fault.message
+    assert "iconv" not in str(fault.help)
+    assert ".tdms" in str(fault.help)
+    (tmp_path / "a.txt").write_bytes("time,v,Größe\n0,1,2\n".encode("latin-1"))
+    assert "iconv" in str(fault_of(tmp_path, TIME, name="a.txt").help)
 
 
 @pytest.mark.parametrize("asked", ["log.speed", "speed"])

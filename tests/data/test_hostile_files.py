@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import subprocess
 import sys
+import time
 import zipfile
 from pathlib import Path
 
@@ -92,6 +94,10 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
         case "endless":
             while True:
                 pass
+        case "library":
+            assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+        case "asleep":
+            time.sleep(999)
         case "hungry":
             return ColumnTable(columns={"x": np.ones(1 << 30)})
         case "abort":
@@ -111,7 +117,8 @@ HERE = isolation.isolated(__name__)
     ("name", "reason"),
     [
         ("endless", "reading it takes more than 1 s of the processor"),
-        ("hungry", "Unable to allocate 8.00 GiB"),
+        ("asleep", "reading it takes more than 2 s"),
+        ("hungry", "reading it takes more than 500 MB of memory"),
         ("abort", "it ended its reader (SIGABRT)"),
     ],
 )
@@ -119,10 +126,26 @@ def test_a_reader_has_limits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, reason: str
 ) -> None:
     monkeypatch.setattr(isolation, "_SECONDS", 1)
+    # the endless one uses its second of the processor, wherever it has to share it
+    monkeypatch.setattr(isolation, "_TIMES_SECONDS", 2 if name == "asleep" else 999)
     (tmp_path / name).write_bytes(b"")
     with pytest.raises(SpecError, match="E0802") as caught:
         HERE(tmp_path / name, name, WANTED, Dialect())
     assert reason in caught.value.diagnostics[0].message
+
+
+def test_a_library_is_loaded_without_the_limits_of_the_file_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its import needs memory that no small file may take."""
+    monkeypatch.setattr(isolation, "_MEMORY", 1 << 20)
+    isolation.end_readers()
+    (tmp_path / "library").write_bytes(b"")
+    assert HERE(tmp_path / "library", "library", WANTED, Dialect()) is not None
+    monkeypatch.setattr(isolation, "_MEMORY", 1 << 29)
+    write_mdf(tmp_path / "a.mf4")
+    read_mdf = format_of("a.mf4").reader
+    assert read_mdf(tmp_path / "a.mf4", "a.mf4", WANTED, Dialect()) is not None
 
 
 def test_what_a_reader_prints_is_no_answer(tmp_path: Path) -> None:

@@ -134,6 +134,8 @@ class Case:
     without: str | None = None
     lost: bool = False
     """Whether one value of x is missing."""
+    marked: bool = False
+    """Whether one value of x is −9999."""
     gap: bool = False
     """Whether a second is missing in the middle."""
 
@@ -146,6 +148,7 @@ CASES: dict[str, Case] = {
     "Data.time": Case("time: nonsense\n", ""),
     "Data.csv": Case('csv: {delimiter: ";"}\n'),
     "Data.resample": Case("resample: linear\n"),
+    "Data.gap": Case("resample: linear\ngap: 10\n", "resample: linear\n", gap=True),
     "Data.join": Case("join: true\n"),
     "Data.filter": Case('filter: "x > 0.5"\n'),
     "Data.records": Case("records: row_group\n"),
@@ -153,6 +156,8 @@ CASES: dict[str, Case] = {
     "Data.split": Case("split: {val: 0.5}\n"),
     "Data.nan": Case("nan: split\n", lost=True),
     "Data.keep": Case("keep: disk\n"),
+    "Data.missing": Case("missing: -9999\n", marked=True),
+    "Column.missing": Case("columns: {x: {column: x, missing: -9999}, F: F}\n", marked=True),
     "TimeColumn.column": Case("time: {column: nonsense}\n", ""),
     "TimeColumn.unit": Case("time: {column: time, unit: ms}\n"),
     "Csv.delimiter": Case('csv: {delimiter: ";"}\n'),
@@ -173,6 +178,7 @@ CASES: dict[str, Case] = {
     ),
     "Split.k": Case("split: {by: kfold, k: 3}\n", "split: {by: kfold, k: 2}\n"),
     "Split.fold": Case("split: {by: kfold, k: 2, fold: 2}\n", "split: {by: kfold, k: 2}\n"),
+    "gap without resampling": Case("gap: 10\n"),
     # other values that say something
     "resample nearest": Case("resample: nearest\n"),
     "resample none": Case("resample: none\n", gap=True),
@@ -230,6 +236,8 @@ def written(folder: Path, kind: str, case: Case) -> str:
     x, force = np.sin(3 * time), np.cos(time)
     if case.lost:
         x[5] = np.nan
+    if case.marked:
+        x[5] = -9999
     if case.gap:
         time[3:] += 1.0
     names: list[str] = []

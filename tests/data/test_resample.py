@@ -142,7 +142,7 @@ def test_streams_without_a_common_moment(tmp_path: Path) -> None:
         file.append([Signal(np.ones(3), np.array([0.0, 0.2, 0.4]), name="x")])
         file.append([Signal(np.ones(3), np.array([5.0, 5.2, 5.4]), name="F")])
         file.save(tmp_path / "a.mf4", overwrite=True)
-    with pytest.raises(SpecError, match="common time of all columns"):
+    with pytest.raises(SpecError, match=r"the columns of a\.mf4 have no time in common"):
         load(tmp_path, "source: {train: a.mf4}\nresample: nearest\n")
 
 
@@ -152,7 +152,7 @@ def test_columns_of_a_table_without_a_common_moment(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\ntime: time\nresample: linear\n"
     with pytest.raises(SpecError, match="E0809"):
         load(tmp_path, section, {"a.csv": text})
-    with pytest.raises(SpecError, match=r"common time of all columns leaves no rows of a\.csv"):
+    with pytest.raises(SpecError, match=r"the columns of a\.csv have no time in common"):
         load(tmp_path, section + "nan: split\n")
     dropped = load(tmp_path, section + "nan: drop\n")
     assert (dropped.rows, [warning.code for warning in dropped.warnings]) == (0, ["W0803"])
@@ -174,3 +174,39 @@ def test_columns_beside_have_no_say_in_the_moments() -> None:
     assert found.covered.all()
     nan = np.nan
     np.testing.assert_array_equal(found.columns["z"], [nan, nan, nan, 6, 8, nan, nan, nan, 16, 18])
+
+
+JITTER = [0, 0.201, 0.399, 0.602, 1.012, 1.199, 1.4, 1.601]
+"""Seconds; the row at 0.8 is lost, which makes a step of 0.41."""
+
+
+@pytest.mark.parametrize(
+    ("gap", "episodes"),
+    [
+        ("", [[0, 9]]),
+        ("gap: 2", [[0, 4], [6, 9]]),
+        ("gap: 2.1", [[0, 9]]),
+        ("gap: 400 ms", [[0, 4], [6, 9]]),
+        ("gap: 1 s", [[0, 9]]),
+        # less than 1.5 usual steps are none
+        ("gap: 1 ms", [[0, 4], [6, 9]]),
+    ],
+)
+@pytest.mark.parametrize("of_set", [False, True])
+def test_one_lost_row_ends_no_episode(
+    tmp_path: Path, gap: str, episodes: list[list[int]], of_set: bool
+) -> None:
+    own = f", {gap}" if of_set and gap else ""
+    section = f"source: {{train: {{files: a.csv{own}}}}}\ntime: time\nresample: linear\n"
+    section += "" if of_set else gap
+    data = load(tmp_path, section, {"a.csv": rows(JITTER)})
+    assert data.episodes("train").tolist() == episodes
+
+
+@pytest.mark.parametrize(("gap", "records"), [("2.5", 1), ("2", 2), ("300 ms", 2), ("2 s", 1)])
+def test_files_are_joined_over_steps_that_are_no_hole(
+    tmp_path: Path, gap: str, records: int
+) -> None:
+    files = {"a.csv": rows([0, 0.2, 0.4]), "b.csv": rows([0.85, 1.0, 1.2])}
+    section = "source: {train: '*.csv'}\ntime: time\nresample: linear\njoin: true\n"
+    assert len(load(tmp_path, section + f"gap: {gap}\n", files).records) == records

@@ -195,6 +195,8 @@ def test_names_with_slashes_are_told_apart_by_paths(tmp_path: Path) -> None:
         ({"unit_string": "km/h"}, "km/h"),
         ({"unit_string": "Volts"}, "V"),
         ({"unit_string": "", "NI_UnitDescription": "m/s"}, "m/s"),
+        ({"unit_string": "Volts", "NI_UnitDescription": "V"}, "V"),
+        ({"unit_string": "custom", "NI_UnitDescription": "m/s"}, "m/s"),
         ({"unit": "bar"}, "bar"),
         ({}, "None"),
     ],
@@ -202,6 +204,70 @@ def test_names_with_slashes_are_told_apart_by_paths(tmp_path: Path) -> None:
 def test_a_property_states_the_unit(tmp_path: Path, properties: dict[str, str], unit: str) -> None:
     write(tmp_path / "a.tdms", [waveform("x", TIME, **properties)])
     assert str(streams(tmp_path / "a.tdms", "x").units.get("x")) == unit
+
+
+def test_two_units_of_a_channel_are_asked(tmp_path: Path) -> None:
+    units = {"unit_string": "km", "NI_UnitDescription": "m"}
+    write(tmp_path / "a.tdms", [waveform("x", TIME, **units), waveform("F", TIME)])
+    with pytest.raises(SpecError, match="E0991") as caught:
+        load(tmp_path, "source: {train: a.tdms}\n")
+    assert "states two units of column `x`: km and m" in str(caught.value)
+    data = load(tmp_path, "source: {train: a.tdms}\ncolumns: {x: {column: x, unit: km}}\n")
+    np.testing.assert_allclose(data.series["x"], 1000 * TIME)
+
+
+@pytest.mark.parametrize(
+    ("scaling", "count", "words"),
+    [
+        (LINEAR, 1, "its scaling of LabVIEW, Linear (Linear_Slope 0.5, Linear_Y_Intercept -3.0)"),
+        ({**LINEAR, "NI_Scaling_Status": "scaled"}, 0, ""),
+        ({**LINEAR, "NI_Scale[0]_Linear_Slope": 1, "NI_Scale[0]_Linear_Y_Intercept": 0}, 0, ""),
+        ({"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "AdvancedAPI"}, 0, ""),
+    ],
+)
+@pytest.mark.parametrize("step", [0.2, 0.0])
+def test_a_scale_of_the_spec_beside_that_of_labview_is_a_warning(
+    tmp_path: Path, scaling: dict[str, Any], count: int, words: str, step: float
+) -> None:
+    """Of waveforms, and of rows without times."""
+    raw = np.arange(12, dtype=np.int16)
+    write(tmp_path / "a.tdms", [waveform("x", raw, step, **scaling), waveform("F", raw, step)])
+    section = "source: {train: a.tdms}\ncolumns: {x: {column: x, scale: 10}}\n"
+    found = [one for one in load(tmp_path, section).warnings if one.code == "W0835"]
+    assert len(found) == count
+    assert all(words in warning.message for warning in found)
+
+
+def test_of_two_channels_of_dates_one_is_to_be_named(tmp_path: Path) -> None:
+    dates = np.datetime64("2023-11-14T22:13:20") + (TIME * 1e6).astype("timedelta64[us]")
+    late = dates + np.timedelta64(1, "s")
+    channels = [ChannelObject("A", name, clock) for name, clock in (("at", dates), ("sent", late))]
+    channels += [ChannelObject("A", name, sign * TIME) for name, sign in (("x", 1), ("F", -1))]
+    write(tmp_path / "a.tdms", channels)
+    fault, _ = faults(tmp_path / "a.tdms", "x", "F")
+    assert fault.code == "E0840"
+    assert "several channels of dates, `at`, `sent`: name its time, `time: at`" in fault.message
+    data = load(tmp_path, "source: {train: a.tdms}\ntime: at\n")
+    np.testing.assert_allclose(times(data), TIME, atol=1e-12)
+
+
+def test_dates_are_picked_with_their_zone(tmp_path: Path) -> None:
+    write(tmp_path / "a.tdms", [waveform(k, TIME, wf_start_time=START) for k in ("x", "F")])
+    section = "source: {train: a.tdms}\nfrom: 2023-11-14 22:13:21.25"
+    with pytest.raises(SpecError, match="E0979"):
+        load(tmp_path, f"{section}\n")
+    np.testing.assert_allclose(load(tmp_path, f"{section}Z\n").series["x"], TIME[5:])
+
+
+def test_time_is_left_out_only_where_the_file_keeps_times(tmp_path: Path) -> None:
+    for step in (0.0, 0.2):
+        plain = ChannelObject("A", "t", TIME)
+        pair = [waveform("x", TIME, step, group="A"), waveform("F", -TIME, step, group="B")]
+        write(tmp_path / "a.tdms", [plain, *pair])
+        (fault,) = faults(tmp_path / "a.tdms", "x", "F", time="t")
+        assert fault.code == "E0875"
+        assert ("or leave `time:` out" in str(fault.help)) == bool(step)
+    load(tmp_path, "source: {train: a.tdms}\n")
 
 
 def test_a_channel_of_the_group_is_the_time(tmp_path: Path) -> None:
@@ -316,8 +382,18 @@ def test_raw_values_are_scaled(tmp_path: Path, scaling: dict[str, Any], expected
 @pytest.mark.parametrize(
     ("scaling", "reason"),
     [
-        ({"NI_Scale[0]_Scale_Type": "Cubic"}, "npTDMS cannot scale it: Unsupported scale type"),
-        ({"NI_Scale[0]_Scale_Type": "Linear"}, "npTDMS cannot read it: 'NI_Scale[0]_Linear"),
+        (
+            {"NI_Scale[0]_Scale_Type": "Cubic"},
+            "does not know the scaling of LabVIEW that it has: C",
+        ),
+        (
+            {"NI_Scale[0]_Scale_Type": "Linear"},
+            "its scaling (properties `NI_Scale…`) is incomplete",
+        ),
+        (
+            {"NI_Number_Of_Scales": 1, "NI_Scale[0]_Linear_Slope": 1.0},
+            "its scaling (properties `NI_Scale…`) is incomplete or damaged (npTDMS: ",
+        ),
     ],
 )
 def test_raw_values_that_cannot_be_scaled_are_refused(
@@ -499,7 +575,7 @@ def test_a_channel_of_times_may_be_longer_in_a_file_that_is_cut_off(
         (b"/'Run'/'x'", 12, 13, "is not a multiple of the chunk size"),
         (b"/'Run'/'x'", 4, 99, "it is damaged: a type of data is unknown"),
         # length of the name of a property
-        (b"/'Run'/'F'", 24, 1 << 20, "it is damaged: unpack requires a buffer of 4 bytes"),
+        (b"/'Run'/'F'", 24, 1 << 20, "its description of channels ends early"),
     ],
 )
 def test_damage_is_an_error_even_where_the_library_only_warns(

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import random
+import re
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +96,7 @@ FIELDS = {
     "sensor_accel_1.x": -1.0 * STEPS,
     "sensor_accel_1.count": 10**12 + STEPS,
     "attitude.timestamp": ulog.START + 200_000 * STEPS,
+    "attitude.timestamp_sample": ulog.START - 3000 + 200_000 * STEPS,
 }
 
 
@@ -111,7 +115,9 @@ def test_fields_of_topics_are_columns(tmp_path: Path) -> None:
         np.testing.assert_array_equal(values, data.data[field].astype(float))
         seconds = (data.data["timestamp"].astype(float) - whole.start_timestamp) / 1e6
         np.testing.assert_array_equal(time, seconds)
-    assert found.units == {"attitude.timestamp": parse_unit("us")}
+    assert found.units == dict.fromkeys(
+        ("attitude.timestamp", "attitude.timestamp_sample"), parse_unit("us")
+    )
     assert found.begins is None
 
 
@@ -290,6 +296,108 @@ def test_data_that_were_appended_are_read(tmp_path: Path) -> None:
     assert found.warnings == ()
 
 
+def rescued(path: Path, fault: Diagnostic) -> Path:
+    """The file that the advised command writes."""
+    found = re.search(r"`python -c \"(.*)\"`", str(fault.help))
+    assert found is not None
+    new = path.with_name("rescued.ulg")
+    command = found[1].replace("OLD.ulg", str(path)).replace("NEW.ulg", str(new))
+    subprocess.run((sys.executable, "-c", command), check=True, capture_output=True)
+    return new
+
+
+def appended(*parts: bytes) -> bytes:
+    """A log whose first part is followed by others; each but the last ends within a message."""
+    begin = len(ulog.header() + ulog.flags() + b"".join(FORMATS))
+    ends = np.cumsum([begin + len(parts[0]), *map(len, parts[1:-1])])
+    return ulog.header() + ulog.flags([*map(int, ends)]) + b"".join(FORMATS) + b"".join(parts)
+
+
+def test_an_appended_part_uses_subscriptions_of_the_parts_before(tmp_path: Path) -> None:
+    """pyulog refuses these messages, and its `write_ulog` leaves them out."""
+    cut = attitude(11)[:9]
+    first = SUBSCRIPTIONS + b"".join(map(attitude, range(4))) + cut
+    second = b"".join(map(attitude, range(4, 7))) + accel(3, 1) + cut
+    content = appended(first, second, b"".join(map(attitude, range(7, 12))))
+    (tmp_path / "a.ulg").write_bytes(content)
+    found = streams(tmp_path / "a.ulg", "attitude.q[0]", "sensor_accel_1.x")
+    np.testing.assert_array_equal(found.columns["attitude.q[0]"][1], STEPS)
+    assert found.columns["sensor_accel_1.x"][1].tolist() == [-3]
+    assert found.warnings == ()
+    # what is not damaged in a damaged file is rescued from all parts
+    (tmp_path / "a.ulg").write_bytes(content + ulog.data(99, "Qf", ulog.START, 1.0))
+    (fault,) = faults(tmp_path / "a.ulg", "attitude.q[0]")
+    found = streams(rescued(tmp_path / "a.ulg", fault), "attitude.q[0]")
+    np.testing.assert_array_equal(found.columns["attitude.q[0]"][1], STEPS)
+
+
+def test_a_number_that_a_second_subscription_uses_loses_no_messages(tmp_path: Path) -> None:
+    begin = ulog.header() + ulog.flags()
+    begin += b"".join(ulog.topic_format(name, "uint64_t timestamp;float x;") for name in "ab")
+    content = begin
+    for step, name in enumerate("abaab"):
+        content += ulog.subscription(7, name) + ulog.data(7, "Qf", ulog.START + step, step)
+    for path, more in (("a.ulg", b""), ("b.ulg", ulog.data(99, "Qf", ulog.START, 1.0))):
+        (tmp_path / path).write_bytes(content + more)
+        whole = tmp_path / path
+        if more:
+            (fault,) = faults(whole, "a.x")
+            whole = rescued(whole, fault)
+        found = streams(whole, "a.x", "b.x")
+        assert found.columns["a.x"][1].tolist() == [0, 2, 3]
+        assert found.columns["b.x"][1].tolist() == [1, 4]
+
+
+@pytest.mark.parametrize("damage", [ulog.message("O", b"1"), ulog.data(4, "Qf", 7, 1.0)])
+def test_a_message_at_which_the_library_stops_is_reported(tmp_path: Path, damage: bytes) -> None:
+    """A dropout without its length, and a topic without `timestamp`; pyulog ends silently."""
+    begin = BEGIN + ulog.topic_format("bare", "uint64_t time;float x;") + SUBSCRIPTIONS
+    begin += ulog.subscription(4, "bare") + attitude(0) + damage
+    (tmp_path / "a.ulg").write_bytes(begin + attitude(1))
+    (fault,) = faults(tmp_path / "a.ulg", "attitude.q[0]")
+    assert f"its message before byte {len(begin)} is damaged or has no" in fault.message
+    if fault.help is not None:
+        found = streams(rescued(tmp_path / "a.ulg", fault), "attitude.q[0]")
+        assert found.columns["attitude.q[0]"][1].tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    ("start", "code"),
+    [
+        (ulog.START - 10**6, None),
+        (ulog.START + 2 * 10**6, None),
+        (ulog.START + 4 * 10**6, "W0839"),
+        (ulog.START + 10**15, "W0839"),
+        (2 * 10**18, "E0840"),
+        (1 << 63, "E0840"),
+    ],
+)
+def test_a_start_time_that_messages_contradict_is_reported(
+    tmp_path: Path, start: int, code: str | None
+) -> None:
+    steps = b"".join(map(attitude, range(12)))
+    begin = BEGIN.replace(ulog.header(), ulog.header(start)) + SUBSCRIPTIONS
+    (tmp_path / "a.ulg").write_bytes(begin + steps)
+    if code == "E0840":
+        (fault,) = faults(tmp_path / "a.ulg", "attitude.q[0]")
+        assert (fault.code, "damaged" in fault.message) == (code, True)
+        return
+    found = streams(tmp_path / "a.ulg", "attitude.q[0]")
+    assert [warning.code for warning in found.warnings] == ([code] if code else [])
+    expected = (ulog.START - start + 200_000 * STEPS) / 1e6
+    np.testing.assert_array_equal(found.columns["attitude.q[0]"][0], expected)
+
+
+def test_a_start_time_of_another_clock_is_reported(tmp_path: Path) -> None:
+    """Messages with times since 1970, in a log that starts 5 s after boot."""
+    epoch = 17 * 10**14
+    messages = b"".join(ulog.data(0, "Qf", epoch + 200_000 * i, i) for i in range(12))
+    begin = ulog.header() + ulog.topic_format("a", "uint64_t timestamp;float x;")
+    (tmp_path / "a.ulg").write_bytes(begin + ulog.subscription(0, "a") + messages)
+    found = streams(tmp_path / "a.ulg", "a.x")
+    assert [warning.code for warning in found.warnings] == ["W0839"]
+
+
 def test_a_file_that_is_cut_off_is_read_up_to_there(tmp_path: Path) -> None:
     whole = log()
     last = len(accel(11, 1))
@@ -328,9 +436,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path, damaged: bytes) -> None:
     (tmp_path / "a.ulg").write_bytes(damaged)
     (fault,) = faults(tmp_path / "a.ulg", "attitude.q[0]")
     assert (fault.code, "parts of it are no messages" in fault.message) == ("E0802", True)
-    # the repair that it advises
-    ULog(str(tmp_path / "a.ulg")).write_ulog(str(tmp_path / "b.ulg"))
-    found = streams(tmp_path / "b.ulg", "attitude.q[0]")
+    found = streams(rescued(tmp_path / "a.ulg", fault), "attitude.q[0]")
     count = len(found.columns["attitude.q[0]"][1])
     np.testing.assert_array_equal(found.columns["attitude.q[0]"][1], STEPS[:count])
 

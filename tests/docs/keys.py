@@ -27,6 +27,7 @@ from tests.docs.markdown import apart, paragraph, prose, table, wrapped
 _WORDS: Mapping[Any, str] = {
     Expression: "expression",
     (Samples | Duration): "samples or duration",
+    Duration: "duration",
     Located[OptionValue]: "number, word, switch or list",
     Located[str]: "name",
     str: "text",

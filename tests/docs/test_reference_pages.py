@@ -29,6 +29,7 @@ from tests.docs.operations import (
     lowered_by,
     scalar_functions,
 )
+from tests.docs.plugins import plugin_builder, plugin_context, plugin_functions
 from tests.docs.targets import targets
 from tests.golden import assert_golden
 
@@ -46,8 +47,11 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "front figures": front_figures,
     "front spec": front_spec,
     "inputs of the action": action_inputs,
+    "functions for authors": plugin_functions,
     "layers": layers,
     "names": names,
+    "methods of the builder": plugin_builder,
+    "methods of the context": plugin_context,
     "sample hooks": sample_hooks,
     "sample workflow": sample_workflow,
     "scalar functions": scalar_functions,

@@ -168,6 +168,60 @@ def test_a_file_that_cannot_be_opened_is_no_fault_of_the_plugin(tmp_path: Path):
 
 
 @pytest.mark.parametrize("isolated", [False, True])
+def test_masked_cells_of_a_plugin_are_missing_values(
+    isolated: bool, install: Install, tmp_path: Path
+):
+    body = (
+        "z = np.ma.masked_array((100 * z).astype(int), z > 0.9); "
+        "u = np.ma.masked_array(u, np.zeros(count, bool)); "
+        f"{WHOLE}"
+    )
+    logger(install, tmp_path, f"t = 1e3 * t; {body}", isolated=isolated)
+    found = series(tmp_path, "a.lgr", **{"time: t}": "time: t, nan: split}"})
+    expected = np.sin(0.1 * np.arange(20))
+    assert list(np.isnan(found["z"])) == list(expected > 0.9)
+    np.testing.assert_allclose(found["u"], 1e-3 * expected)
+
+
+def test_masked_dates_of_a_plugin_are_missing(install: Install, tmp_path: Path):
+    dates = "np.datetime64('2026-01-01') + (1e3 * t).astype('timedelta64[ms]')"
+    body = (
+        f"t = np.ma.masked_array({dates}, t > 1.85); return DataColumns({{'t': t, 'u': u, 'z': z}})"
+    )
+    logger(install, tmp_path, body)
+    with pytest.raises(SpecError, match="`t`"):
+        series(tmp_path, "a.lgr")
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+def test_what_a_reader_prints_is_no_result(
+    isolated: bool, install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    logger(install, tmp_path, f"t = 1e3 * t; print('20 rows'); {WHOLE}", isolated=isolated)
+    file = str(spec_file(tmp_path, SPEC.replace("LOG", "a.lgr")))
+    out = str(tmp_path / "y.csv")
+    assert run(["simulate", file, "--initial", "--out", out, "--format", "json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["command"] == "simulate"
+    assert ("20 rows" in said.err) != isolated
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+def test_verbose_shows_the_traceback_of_a_reader(
+    isolated: bool, install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    logger(install, tmp_path, "raise KeyError('channel')", isolated=isolated)
+    file = str(spec_file(tmp_path, SPEC.replace("LOG", "a.lgr")))
+    for _ in range(2):
+        assert run(["data", file, "--verbose"]) == 1
+        said = capsys.readouterr().err
+        assert said.count("Traceback") == 1
+        assert "line 10, in read" in said
+    assert run(["data", file]) == 1
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("isolated", [False, True])
 def test_units_of_a_plugin_are_converted(isolated: bool, install: Install, tmp_path: Path):
     logger(install, tmp_path, f"t = 1e3 * t; {WHOLE}", isolated=isolated)
     found = series(tmp_path, "a.lgr")
@@ -190,6 +244,8 @@ FAULTS = {
     "raise KeyError('channel')": "raised KeyError: 'channel' (logger, line 10, in read)",
     "raise SystemExit(3)": "raised SystemExit: 3",
     "open('/not/there')": "raised FileNotFoundError",
+    "raise SpecError([])": "raised a SpecError without an error: write `SpecError([error(...)])`",
+    "return DataColumns({'t': np.ma.masked_array(list('ab'), [0, 1])})": "no missing value",
     "return None": "returned a NoneType, not `msnn.extending.DataColumns`",
     "return {'t': t, 'u': u, 'z': z}": "returned a dict, not `msnn.extending.DataColumns`",
     "return DataColumns([t, u, z])": "returned columns or units that are no mapping",
@@ -203,7 +259,7 @@ FAULTS = {
 
 @pytest.mark.parametrize(
     ("body", "isolated"),
-    [*((body, False) for body in FAULTS), *((body, True) for body in list(FAULTS)[:4])],
+    [*((body, False) for body in FAULTS), *((body, True) for body in list(FAULTS)[:5])],
 )
 def test_a_fault_of_a_reader_names_the_plugin(
     body: str, isolated: bool, install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -285,5 +341,5 @@ def test_without_the_plugin_its_files_are_read_as_text(
     series(tmp_path, "log.jsonl")
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda **wanted: ())
     plugins.forget()
-    with pytest.raises(SpecError, match="E0804"):
+    with pytest.raises(SpecError, match="E0932"):
         series(tmp_path, "log.jsonl")

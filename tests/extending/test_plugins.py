@@ -196,6 +196,7 @@ def test_a_name_that_is_taken_is_left_out_with_a_warning(
     ("text", "reason"),
     [
         ("raise RuntimeError('no licence')", "RuntimeError: no licence"),
+        ("print('{}')\nraise RuntimeError('printed')", "RuntimeError: printed"),
         ("import not_there_at_all", "ModuleNotFoundError"),
         ("raise SystemExit(3)", "SystemExit: 3"),
         ("FEATURE = 3", "is no `msnn.extending.Feature`"),
@@ -236,9 +237,39 @@ def test_a_plugin_that_fails_is_named_and_left_out(
     install("broken", {"broken.py": text}, "broken:FEATURE")
     assert run(["check", str(spec_file(tmp_path, BUDGET))]) == 0
     said = capsys.readouterr().err
-    assert "warning[W0222]: the plug-in `example` of the package broken is left out" in said
+    (warning,) = plugins.look_up().warnings
+    part = "the (plug-in `example`|(section|target) `fine`|verb `weigh`)"
+    assert re.match(f"{part} of the package broken is left out: ", warning.message)
+    assert f"warning[W0222]: {warning.message}" in said
     assert reason in said
     assert "Traceback" not in said
+    assert "broken" in plugins.look_up().failed
+
+
+def test_a_module_that_fails_takes_its_own_names_along_alone(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    lines = "".join(
+        f"    SectionLine('{key}', LateEntry('{module}', 'Keys'), LateObject('{module}',"
+        " 'SECTION'), ''),\n"
+        for key, module in (("bad", "gone"), ("fine", "stranger"))
+    )
+    record = f"{RECORD.format(key='first', module='stranger')}"
+    record = record.replace("FEATURE = Feature(", f"LINES = (\n{lines})\nFEATURE = Feature(")
+    record = record.replace("sections=(", "sections=(*LINES,")
+    install("stranger", {"stranger.py": record}, "stranger:FEATURE")
+    (warning,) = plugins.look_up().warnings
+    assert warning.message == (
+        "the section `bad` of the package stranger is left out: ModuleNotFoundError: "
+        "No module named 'gone'"
+    )
+    (found,) = plugins.known_plugins()
+    assert found.keys == {("section", "fine"), ("section", "first")}
+    assert plugins.look_up().failed == {}
+    assert run(["check", str(spec_file(tmp_path, f"{PLAIN}bad: {{}}\n"))]) == 1
+    said = capsys.readouterr().err
+    assert warning.message in said
+    assert "unknown key `bad`" in said
 
 
 def test_a_target_cannot_be_called_all(install: Install):

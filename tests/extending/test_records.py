@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import subprocess
 from collections.abc import Callable
@@ -15,7 +14,6 @@ from msnn.api.models import load
 from msnn.cli.application import run
 from msnn.errors.failures import MissingExtraError
 from msnn.model.program_file import write_program_file
-from spec_schema import plugins
 from tests.conditions import require_tool
 from tests.extending.conftest import Install
 from tests.extending.test_plugins import BUDGET, PLAIN, spec_file
@@ -28,6 +26,7 @@ validate: [{of: y}]
 """
 LEARNS = BUDGET.replace("{y: k * u}", "{y: {expr: k * u, predicts: 'z[t]'}}") + DATA
 NAMED = {"msnn-example": "0.1.0"}
+RUN, PROGRAM = "{run}", "plain.program.json"
 
 
 @pytest.fixture
@@ -40,17 +39,6 @@ def trained(example: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     assert run(["train", str(spec_file(tmp_path, LEARNS)), "--out", "runs"]) == 0
     (record,) = tmp_path.glob("runs/plain/2*/run.json")
     return record.parent
-
-
-@pytest.fixture
-def remove(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """Removes all plug-ins."""
-
-    def removed() -> None:
-        monkeypatch.setattr(importlib.metadata, "entry_points", lambda **wanted: ())
-        plugins.forget()
-
-    return removed
 
 
 def test_a_run_names_its_plugins(trained: Path, capsys: pytest.CaptureFixture[str]):
@@ -100,6 +88,84 @@ def test_another_version_is_accepted_and_said(
     assert "plug-in" not in capsys.readouterr().out
 
 
+GAIN = """
+from msnn.extending import Feature, FunctionLine, LateObject, Signature
+
+def expand(builder, value):
+    return builder.multiply(value, builder.constant({factor}))
+
+FEATURE = Feature(name="gain", functions=(
+    FunctionLine("gain", Signature(1, 1, doc=""), LateObject("gain", "expand")),
+))
+"""
+LEARNS_GAIN = LEARNS.replace("budget: {operations: 20}\n", "").replace("k * u", "gain(k * u)")
+
+
+@pytest.fixture
+def gained(install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The run of a spec with a function of version 1.0, of which now 2.0 is installed."""
+    require_tool("gcc", install="apt install gcc")
+    rows = "".join(f"{k / 10},{k / 5}\n" for k in range(-9, 10))
+    (tmp_path / "log.csv").write_text(f"u,z\n{rows}")
+    monkeypatch.chdir(tmp_path)
+    install("gain", {"gain.py": GAIN.format(factor=1.0)}, "gain:FEATURE", "1.0")
+    assert run(["train", str(spec_file(tmp_path, LEARNS_GAIN)), "-q"]) == 0
+    install("gain", {"gain.py": GAIN.format(factor=2.0)}, "gain:FEATURE", "2.0")
+    (record,) = tmp_path.glob("runs/plain/2*/run.json")
+    return record.parent
+
+
+WEIGHTS = "{weights}"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["validate", RUN],
+        ["simulate", RUN, "--out", "simulated.csv"],
+        ["export", RUN, "--to", "c", "--out", "out"],
+        ["train", RUN],
+        ["diff", RUN, "m.msnn.yaml"],
+        ["diff", "m.msnn.yaml", RUN],
+        ["report", RUN, "--out", "page.html"],
+        ["check", RUN],
+        ["validate", "m.msnn.yaml", "--weights", WEIGHTS],
+        ["export", "m.msnn.yaml", "--to", "c", "--out", "out"],
+    ],
+    ids=" ".join,
+)
+def test_commands_warn_of_another_version(
+    words: list[str], gained: Path, capsys: pytest.CaptureFixture[str]
+):
+    meant = {RUN: str(gained), WEIGHTS: str(gained / "weights.safetensors")}
+    capsys.readouterr()
+    assert run([meant.get(word, word) for word in words]) == 0
+    said = capsys.readouterr().err
+    assert said.count("warning[W0956]") == 1
+    assert "with gain 1.0, and 2.0 is installed: results may differ" in said
+    assert "help: install gain 1.0 for the values of that time, or train again with 2.0" in said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [("k: 2.0", "k: 2.0, j: 3.0", "E0911"), ("k: 2.0", "j: 3.0", "E0959")],
+)
+def test_weights_that_do_not_fit_name_both_versions(
+    old: str, new: str, code: str, gained: Path, capsys: pytest.CaptureFixture[str]
+):
+    # outside of the spec's text: weights are compared with the arrays that the model has now
+    (gained / "spec.msnn.yaml").unlink()
+    text = LEARNS_GAIN.replace(old, new).replace("k * u", f"{new[0]} * u")
+    if code == "E0911":
+        text = text.replace("k * u", "k * u * j")
+    spec = str(spec_file(gained.parents[2], text))
+    assert run(["validate", spec, "--weights", str(gained / "weights.safetensors")]) == 1
+    said = capsys.readouterr().err
+    assert f"error[{code}]" in said
+    assert "note: it was trained with gain 1.0, and 2.0 is installed" in said
+    assert "help: install gain 1.0, or train again with 2.0" in said
+
+
 def test_a_program_file_names_its_plugins(trained: Path, capsys: pytest.CaptureFixture[str]):
     assert run(["compile", "m.msnn.yaml", "--out", "old"]) == 0
     file = Path("old/plain.program.json")
@@ -109,7 +175,10 @@ def test_a_program_file_names_its_plugins(trained: Path, capsys: pytest.CaptureF
     file.write_text(json.dumps(kept))
     capsys.readouterr()
     assert run(["diff", str(file), "m.msnn.yaml"]) == 0
-    assert "plug-in       old    new\nmsnn-example  0.0.9  0.1.0\n" in capsys.readouterr().out
+    captured = capsys.readouterr()
+    assert "plug-in       old    new\nmsnn-example  0.0.9  0.1.0\n" in captured.out
+    # its program is that of the file, but the section of the plug-in is compiled anew
+    assert "warning[W0956]: old/plain.program.json was made with msnn-example 0.0.9" in captured.err
 
 
 @pytest.mark.parametrize(
@@ -139,9 +208,6 @@ def test_a_manifest_without_plugins_is_plain(tmp_path: Path, example: None):
     file, out = spec_file(tmp_path, PLAIN), tmp_path / "out"
     assert run(["export", str(file), "--initial", "--to", "c", "--out", str(out)]) == 0
     assert "#" not in (out / "c" / "manifest.sha256").read_text()
-
-
-RUN, PROGRAM = "{run}", "plain.program.json"
 
 
 @pytest.mark.parametrize(

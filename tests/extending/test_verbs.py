@@ -14,12 +14,14 @@ from tests.extending.conftest import Install
 from tests.extending.test_plugins import PLAIN, spec_file
 
 RECORD = """
+import sys
 from pathlib import Path
+from typing import Annotated
 
 import typer
 from msnn.extending import *
 
-def weigh(file: Path = Path("none"), value: {kind} = None):
+def weigh(file: Path = Path("none"), {value}: {kind} = None):
     {body}
 
 def count():
@@ -42,9 +44,13 @@ def scale(install: Install):
     """Installs the package `scale`, whose verb has this body."""
 
     def installed(
-        body: str = "pass", name: str = "weigh", command: str = "weigh", kind: str = "str"
+        body: str = "pass",
+        name: str = "weigh",
+        command: str = "weigh",
+        kind: str = "str",
+        value: str = "value",
     ) -> None:
-        text = RECORD.format(body=body, name=name, command=command, kind=kind)
+        text = RECORD.format(body=body, name=name, command=command, kind=kind, value=value)
         install("scale", {"scale.py": text}, "scale:FEATURE")
 
     return installed
@@ -114,7 +120,12 @@ def test_mistakes_of_the_user_are_messages_as_ours_are(
         ("raise typer.BadParameter('too long')", 2, "Invalid value: too long"),
         ("raise typer.Exit(ExitCode.LIMIT_BROKEN)", 3, ""),
         ("file.read_text()", 1, "error[E1033]: cannot use none: no such file or directory"),
-        ("raise MemoryError", 1, "out of memory"),
+        ("sys.exit('no pan')", 1, "no pan\n"),
+        ("sys.exit(256)", 1, ""),
+        ("sys.exit()", 0, ""),
+        ("return ExitCode.LIMIT_BROKEN", 3, ""),
+        ("return 0", 0, ""),
+        ("Path('none', 'x').read_text()", 1, "error[E1033]: cannot use none/x"),
         ("raise KeyboardInterrupt", 130, "interrupted\n"),
     ],
 )
@@ -139,6 +150,31 @@ def test_a_verb_ends_as_ours_do(
     ("faulty", "reason"),
     [
         ({"body": "{}['pan']"}, "KeyError: 'pan'"),
+        ({"body": "raise MemoryError"}, "MemoryError);"),
+        ({"body": "open('/no/settings')"}, "FileNotFoundError: [Errno 2] No such file"),
+        ({"body": "raise OSError('no scale')"}, "OSError: no scale"),
+        (
+            {"body": "raise SpecError([])"},
+            "raised a SpecError without an error: write `SpecError([",
+        ),
+        ({"body": "raise SpecError([warning('A1', None, 'x')])"}, "raised a SpecError without an"),
+        ({"body": "return 'heavy'"}, "returned a str: return an `ExitCode` or nothing"),
+        ({"body": "return True"}, "returned a bool: "),
+        ({"body": "return 77"}, "returned a int: "),
+        (
+            {"value": "quiet"},
+            "its parameter `quiet` has the option `--quiet` of every verb: rename",
+        ),
+        ({"value": "verbose"}, "its parameter `verbose` has the option `--verbose` of every verb"),
+        ({"value": "be_quiet"}, "ValueError: "),
+        (
+            {"kind": "Annotated[str, typer.Option('-o')]"},
+            "its parameter `value` has the option `-o`",
+        ),
+        (
+            {"kind": "Annotated[Path, typer.Option('--file')]"},
+            "its parameter `value` has the option `--file` of `file`: rename it",
+        ),
         ({"body": "raise ValueError('no\\x1b[31m pan')"}, "ValueError: no"),
         # typer refuses the types when it builds the command
         ({"kind": "int | str"}, "AssertionError: Typer currently doesn't support Union types"),

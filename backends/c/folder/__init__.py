@@ -1,1 +1,3 @@
-"""Writes the other files of an exported folder: header, build files, packages, FFI."""
+"""Writes the files of an exported folder around the C functions: header, build files, packages,
+FFI.
+"""

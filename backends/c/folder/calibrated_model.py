@@ -30,7 +30,10 @@ _REMARKS = {
 
 
 def calibrated_model(program: Program, interface: Interface) -> CalibratedModel:
-    """The calibrated model: parameters, inputs, outputs and declared states, without buffers."""
+    """The description of the memory of generated C for calibration tools. Its objects are
+    parameters (unless inlined), inputs, outputs, declared states and, with `params: calibration`,
+    the checksum. Buffers are left out, as their samples change places.
+    """
     remark = _REMARKS[interface.options.params] if interface.parameters else ""
     return CalibratedModel(
         name=program.name,
@@ -44,7 +47,10 @@ def calibrated_model(program: Program, interface: Interface) -> CalibratedModel:
 
 
 def _segment(interface: Interface) -> Segment:
-    """The parameters followed by their checksum, which alignment pads to the size of a real."""
+    """The memory segment of the variable that holds the parameters and then their checksum
+    (CRC-32). Its size in bytes counts the checksum as one real, as the compiler pads it to that
+    size.
+    """
     size = 4 if interface.options.dtype == "float32" else 8
     count = sum(field.size for field in interface.parameters) + 1
     # a struct is padded to its widest member: a CRC of 4 bytes after float64 takes 8 bytes

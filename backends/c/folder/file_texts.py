@@ -1,4 +1,4 @@
-"""Writes the folder of generated C that builds by itself: the text of every file."""
+"""Makes the texts of all files of a folder with generated C, which builds by itself."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ from spec_schema.version import __version__
 
 
 def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """Texts by path in the folder; deterministic for the same program, weights and options."""
+    """All files of an exported folder: path in the folder → text. The same program, interface and
+    weights (physical arrays by name) give the same texts.
+    """
     files = library_texts(program, interface, weights)
     files |= {
         **test_texts(program, interface, weights),
@@ -55,7 +57,9 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 
 def library_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """The files of `model_texts` and the self-test: all sources that a target compiles."""
+    """All sources that an export compiles, path in the folder → text: header, sources, JSON
+    description, FFI and self-test. `weights` are physical arrays by name.
+    """
     files, kernels = _model_texts(program, interface, weights)
     files[f"src/{interface.prefix}_selftest.c"] = selftest_text(
         program, interface, weights, kernels
@@ -64,14 +68,18 @@ def library_texts(program: Program, interface: Interface, weights: Weights) -> d
 
 
 def model_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """The files that a calling program needs: header, sources, description, FFI."""
+    """The files that a calling program needs, path in the folder → text: header, sources, JSON
+    description, and the Python and C files of the FFI. `weights` are physical arrays by name.
+    """
     return _model_texts(program, interface, weights)[0]
 
 
 def _model_texts(
     program: Program, interface: Interface, weights: Weights
 ) -> tuple[dict[str, str], Collection[str]]:
-    """The texts of `model_texts`, and the names of the math kernels that the code calls."""
+    """The texts of `model_texts`, path in the folder → text, and the names of the math kernels that
+    the code calls.
+    """
     prefix, options = interface.prefix, interface.options
     # one table for all functions: shared helpers are defined once, in the order of first use
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
@@ -175,7 +183,9 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
 
 
 def _assignment(base: str, field: Field, limits: tuple[float, float] | None, dtype: Dtype) -> str:
-    """C statements that set a field to the valid value nearest to 0."""
+    """A C statement that sets a field of the struct variable `base` to the value within `limits`
+    that is nearest to 0; a loop for an array. It ends with the unit, if there is one, as a comment.
+    """
     value = real_literal(nearest_to_zero(limits, dtype), dtype)
     unit = f" /* {comment_text(field.unit.text)} */" if field.unit is not None else ""
     if not field.shape:
@@ -188,13 +198,15 @@ def _shown(field: Field) -> str:
 
 
 def parameters_text(interface: Interface, weights: Weights) -> str:
-    """`src/<prefix>_params.c`: the values as constants."""
+    """`src/<prefix>_params.c`: a constant struct with the weights (physical arrays by name)."""
     fields = _fields(interface, weights, "    ")
     return render("params.c.j2", interface, "Trained values", fields=fields)
 
 
 def calibration_text(interface: Interface, weights: Weights) -> str:
-    """`src/<prefix>_calibration.c`: the values in a separate section, with their checksum."""
+    """`src/<prefix>_calibration.c`: a variable in its own linker section with the weights (physical
+    arrays by name) and their checksum.
+    """
     return render(
         "calibration.c.j2",
         interface,
@@ -209,7 +221,9 @@ def calibration_text(interface: Interface, weights: Weights) -> str:
 
 
 def _checksum(interface: Interface, weights: Weights) -> int:
-    """CRC-32 of the values in little-endian order, independent of the target."""
+    """CRC-32 of the bytes of all parameters, in the order of the struct. Bytes are little-endian,
+    also for big-endian processors.
+    """
     order = "<f4" if interface.options.dtype == "float32" else "<f8"
     # in the order of the struct's fields; all elements have one type, so there is no padding
     numbers = [np.asarray(weights[field.name]).ravel() for field in interface.parameters]
@@ -234,9 +248,9 @@ NUMBER = ".".join(re.findall(r"\d+", __version__)[:3])
 def package_texts(
     interface: Generated, paths: Iterable[str], *, in_reals: bool = True
 ) -> dict[str, str]:
-    """Texts by path in the folder; `paths` are the other files in it.
-
-    `in_reals` is False for fixed-point code.
+    """Build files and packages, path in the folder → text: CMake, Zephyr, Arduino. `paths` are the
+    other files of the folder, from which sources and headers are listed. `in_reals` is False for
+    fixed-point code.
     """
     named = sorted(paths)
     facts: dict[str, Any] = {
@@ -258,7 +272,7 @@ def package_texts(
 
 
 def _forward(interface: Generated, header: str) -> tuple[str, str]:
-    """A header in `src/` that includes the one in `include/`."""
+    """Path and text of a header in `src/` that only includes `header`, a path below `include/`."""
     name = header.removeprefix("include/")
     guard = f"{name.removesuffix('.h').upper()}_FORWARD_H"
     template = "packages/forward.h.j2"
@@ -269,7 +283,10 @@ def _forward(interface: Generated, header: str) -> tuple[str, str]:
 def ffi_texts(
     interface: Generated, numbers: Mapping[str, str], *, linearizes: bool = False
 ) -> dict[str, str]:
-    """Texts by path in the folder; `numbers` maps the layout's number types to ctypes."""
+    """`<prefix>_ffi.py` and `<prefix>_ffi.c`, with which Python calls the model: path in the folder
+    → text. `numbers` maps number types of the JSON file (`real`, `word`) to ctypes names
+    (`c_float`). `linearizes`: the model has a Jacobian.
+    """
     # the type names of the JSON file, from which the Python file builds its structs
     types = {**numbers, "uint32": "c_uint32"}
     facts: dict[str, Any] = {"types": types, "words": "word" in numbers, "jacobian": linearizes}

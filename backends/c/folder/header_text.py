@@ -25,10 +25,9 @@ def header_text(
     selftest_steps: int,
     kernels: bool,
 ) -> str:
-    """`include/<prefix>.h`.
-
-    `functions` are step, init, reset and linearize by name; `vectors` copy structs into vectors of
-    the Jacobian and back.
+    """The text of `include/<prefix>.h`. `functions` are step, init, reset and linearize by name.
+    `vectors` are the functions that copy structs into vectors of the Jacobian and back.
+    `selftest_steps` is the number of golden steps; `kernels`: the code calls math kernels.
     """
     printer = Printer(interface.prefix, interface.options.dtype)
     # these have a bit in the result of the self-test
@@ -64,7 +63,9 @@ def header_text(
 
 
 class Made(Protocol):
-    """A program, in floating point or in integers."""
+    """A compiled program, in floating point or fixed point. `spec_hash` is the SHA-256 of its spec,
+    `made_by` the tool with its version.
+    """
 
     @property
     def spec_hash(self) -> str: ...
@@ -74,15 +75,16 @@ class Made(Protocol):
 
 
 def about_text(interface: Generated, program: Made, sample_time: str | None) -> str:
-    """`src/<prefix>_about.c`: the origin of the code, as strings in the binary.
-
-    `sample_time` is a literal of the program's real type.
+    """`src/<prefix>_about.c`: tool, spec and identity of the export, as strings in the binary.
+    `sample_time` is a C literal in seconds, or None for a program without sample time.
     """
     return render("about.c.j2", interface, "Origin", **origin(program), sample_time=sample_time)
 
 
 def origin(program: Made) -> dict[str, Any]:
-    """The tool, the spec and the identity of the export, as headers and `about_text` show them."""
+    """Values for templates: tool, SHA-256 of the spec, and a placeholder for the SHA-256 of the
+    export. Each is a dict of the C `literal` and its `size`.
+    """
     return {
         "made_by": _text(program.made_by),
         "spec_sha256": _text(program.spec_hash),
@@ -96,7 +98,9 @@ def _text(text: str) -> dict[str, object]:
 
 
 def defined(macro: str, bit: int, meaning: str) -> dict[str, str]:
-    """A bit of a status as headers show it."""
+    """Values for the template of the header: a `comment` with the meaning of a status bit, and the
+    line `#define` of its macro with its value.
+    """
     return {"comment": comment(meaning), "definition": f"#define {macro} {int(bit)}U"}
 
 
@@ -130,7 +134,9 @@ _OF_POLICY: dict[InvalidPolicy, StatusBit] = {
 
 
 def step_bits(interface: Interface) -> list[StatusBit]:
-    """The bits that step, reset and linearize of this model can return."""
+    """The status bits that step, reset and linearize of this model can return, in ascending
+    order.
+    """
     bits = StatusBit(0)
     for port in (*(i.port for i in interface.inputs), *(port for _, port in interface.windows)):
         bits |= _OF_POLICY[port.signal.on_invalid]
@@ -148,9 +154,9 @@ def step_bits(interface: Interface) -> list[StatusBit]:
 
 
 def selftest_bits(*, has_kernels: bool, has_helpers: bool, calibrates: bool) -> list[SelfTestBit]:
-    """The bits that the self-test can return.
-
-    The helpers are the sample time and the functions that copy between vectors and structs.
+    """The bits that the self-test of a model can return. `has_kernels`: the code calls math
+    kernels. `has_helpers`: it has a sample time, or functions that copy between vectors and
+    structs. `calibrates`: it has a checksum of its parameters.
     """
     there = {
         SelfTestBit.KERNEL_DIFFERS: has_kernels,

@@ -23,7 +23,10 @@ _OF_ROS = ("use_sim_time", "start_type_description_service")
 
 
 def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> dict[str, str]:
-    """Texts by path in the folder; `paths` are the other files in it."""
+    """The ROS 2 package, path in the folder → text: node, CMake file, package.xml and README.
+    `paths` are the other files of the folder; the package compiles those in `src/` except the
+    self-test.
+    """
     prefix = interface.prefix
     package = _ros_name(prefix)
     topics: set[str] = set()
@@ -74,13 +77,17 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
 
 
 def _ros_name(prefix: str) -> str:
-    """The name of a ROS package: lower case, starting with a letter, without double underscores."""
+    """The C prefix as the name of a ROS package: lower case, without double underscores, and with
+    `model_` in front if it does not start with a letter.
+    """
     found = re.sub("_+", "_", prefix.lower()).strip("_")
     return found if found[:1].isalpha() else f"model_{found}"
 
 
 def _values(interface: Interface) -> str:
-    """The argument that passes the parameters to a function."""
+    """C text that follows the state argument in calls and passes the parameters: the node's own
+    values, the constants, or nothing if the functions take no parameters.
+    """
     if not interface.takes_parameters:
         return ""
     if interface.options.moves_parameters:
@@ -114,7 +121,10 @@ def _parameter(
 
 
 def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
-    """The arguments of `reset`, for a model that waits for it."""
+    """Values for the template: one dict per argument of `reset`, which the node declares as a ROS
+    parameter. Empty unless some states need `reset` before the first step. Adds the parameters'
+    names to `names`.
+    """
     if not interface.from_record - interface.filled_by_first:
         return []
     given = [(field, port.signal.range, port.signal.doc) for field, port in interface.windows]
@@ -133,7 +143,9 @@ def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
 
 
 def _unused(name: str, names: set[str]) -> str:
-    """The name, with a number appended if `names` has it; adds the result to `names`."""
+    """The name, with `_2`, `_3`, … appended if `names` has it already; adds the result to
+    `names`.
+    """
     numbered = (f"{name}_{k}" for k in count(2))
     found = next(each for each in chain([name], numbered) if each not in names)
     names.add(found)

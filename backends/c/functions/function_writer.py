@@ -1,4 +1,6 @@
-"""Base of all functions of a controller: its block, its names, and the places of values."""
+"""Base class of the writers of C functions: statements, names of variables, and C places of the
+values that a graph reads.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ Weights = Mapping[str, NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class ControllerCode:
-    """The interface, weights and functions that all functions of one controller share."""
+    """The data that all functions of one controller share: interface, weights (physical arrays by
+    name), table of helper functions, and formulas of the spec for comments.
+    """
 
     interface: Interface
     weights: Weights
@@ -41,7 +45,9 @@ class ControllerCode:
 
 
 class FunctionWriter:
-    """Writes one function; it also resolves the leaves of its graph to places in C."""
+    """Base class of the writers of one C function each: collects statements in `scope`, and gives
+    the C places of the signals, states and parameters that the graph reads.
+    """
 
     def __init__(self, model: ControllerCode, graph: Graph) -> None:
         self.model = model
@@ -91,10 +97,12 @@ class FunctionWriter:
         return memory.window
 
     def before_push(self, memory: Buffer, newest: ArrayView) -> None:
-        """Hook: writes statements before a buffer receives its newest sample."""
+        """Hook for subclasses: may write statements before `newest`, the sample at t, enters a
+        buffer.
+        """
 
     def instance(self) -> tuple[Name, ...]:
-        """The arguments of a function that depends on the instance only."""
+        """The C arguments `s` and, if functions take parameters, `p`."""
         if not self.interface.takes_parameters:
             return (Name("s"),)
         self._reads_parameters = True
@@ -112,10 +120,9 @@ class FunctionWriter:
         *,
         reads_only: bool = False,
     ) -> Function:
-        """The function with the statements so far; `structs` follow the state and parameter
-        arguments.
-
-        With `reads_only` the state argument is const.
+        """The C function `<prefix>_<name>` with the statements so far. `result` is its return type;
+        `structs` are its arguments after state and parameters; `doc` is its comment. With
+        `reads_only` the state argument is const.
         """
         prefix = self.interface.prefix
         # also without states, so that callers are the same for all models

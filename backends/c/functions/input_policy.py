@@ -24,7 +24,9 @@ _FUNCTIONS: dict[InvalidPolicy, str] = {"flag": "flagged", "clamp": "clamped", "
 
 
 def limits(signal: Signal, dtype: Dtype) -> tuple[float, float]:
-    """The limits of valid values: the finite numbers within the range of the spec."""
+    """(low, high) of valid values of a signal: its range in the spec, limited to the finite values
+    of the code's type.
+    """
     return _finite(signal.range, dtype)
 
 
@@ -39,15 +41,14 @@ def _finite(limits: tuple[float, float] | None, dtype: Dtype) -> tuple[float, fl
 
 
 def stand_in(signal: Signal, dtype: Dtype) -> float:
-    """The valid value nearest to 0.
-
-    It replaces NaN, and the last valid value before there is one.
+    """The valid value of a signal that is nearest to 0. It replaces NaN under policy clamp, and is
+    the held value before the first valid one.
     """
     return nearest_to_zero(signal.range, dtype)
 
 
 def nearest_to_zero(limits: tuple[float, float] | None, dtype: Dtype) -> float:
-    """The value in the range that is nearest to 0."""
+    """The value within `limits` (None: all finite values) that is nearest to 0."""
     low, high = _finite(limits, dtype)
     return min(max(0.0, low), high)
 
@@ -60,9 +61,9 @@ def checked_input(
     *,
     remembers: bool = True,
 ) -> ArrayView:
-    """Writes the checks of one input; returns the place of the checked values.
-
-    With policy `hold` and `remembers`, the function stores valid values for later steps.
+    """Writes the checks of one input of the step; returns the place of the checked values. Loops of
+    up to `unroll` elements are written out. With policy `hold` and `remembers`, the code also
+    stores the checked values in the state struct for later steps.
     """
     field, signal = input.field, input.port.signal
     check = _InputCheck(field.place("u"), signal, functions)
@@ -80,9 +81,8 @@ def checked_window(
     field: Field, port: Port, functions: FunctionTable, scope: BlockScope, unroll: int
 ) -> ArrayView:
     """Writes the checks of the samples around t0 that `reset` gets; returns the place of the
-    checked samples.
-
-    Policy `hold` replaces an invalid sample by the previous one.
+    checked samples. Policy `hold` replaces an invalid sample by the previous one, and the oldest by
+    the valid value nearest to 0.
     """
     check = _InputCheck(field.place("x0"), port.signal, functions)
     if port.signal.on_invalid != "hold":
@@ -106,7 +106,9 @@ def checked_window(
 
 
 def _checked(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> ArrayView:
-    """The checked values of an input, for a policy without memory."""
+    """Writes the checks of an input with policy trust, flag or clamp; returns the place of the
+    checked values. `name` is the base of the names of local variables.
+    """
     match check.signal.on_invalid:
         case "trust":
             return check.given
@@ -127,8 +129,8 @@ def _checked(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> A
 
 @dataclass(frozen=True, slots=True)
 class _InputCheck:
-    """Calls the function of a policy; in constant time always, otherwise for invalid values
-    only.
+    """The check of one input: writes calls of the C function of its policy. In constant time the
+    call is unconditional, otherwise it is made for invalid values only.
     """
 
     given: ArrayView
@@ -140,12 +142,16 @@ class _InputCheck:
 
     @property
     def nearest_to_zero(self) -> ArrayView:
-        """The valid value nearest to 0, for every element."""
+        """The valid value nearest to 0, as a view with the shape of the input in which all elements
+        are that one value.
+        """
         value = ArrayView.single(c.Real(stand_in(self.signal, self.functions.dtype)))
         return value.reshaped_single(self.given.shape)
 
     def call(self, at: Indices) -> c.Expression:
-        """A call that reports an element and returns the corrected value."""
+        """A call of the policy's function for the element with the indices `at`: it sets status
+        bits and, except for policy flag, returns the corrected value.
+        """
         low, high = self._limits
         instead = () if self.instead is None else (self.instead.element(at),)
         function = f"{self.functions.prefix}_{_FUNCTIONS[self.signal.on_invalid]}"
@@ -155,7 +161,9 @@ class _InputCheck:
         )
 
     def where_invalid(self, at: Indices, statement: c.Statement, scope: BlockScope) -> None:
-        """Writes the statement with the call, executed only if the value is invalid."""
+        """Adds `statement`, which calls the policy's function for the element `at`, to the scope.
+        The statement is executed only if the element is invalid, in constant time always.
+        """
         if self.functions.constant_time:
             # always called: with a branch, the time would depend on the value
             scope.add(statement)
@@ -170,7 +178,9 @@ class _InputCheck:
 
 
 def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> ArrayView:
-    """A local variable with the corrected values of an input."""
+    """Writes the values of the input of `check`, with invalid elements corrected, to a new local
+    variable called `name`; returns its place.
+    """
     shape = check.given.shape
     if not shape:
         if check.functions.constant_time:
@@ -184,7 +194,9 @@ def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> Ar
 
 
 def _fill(check: _InputCheck, place: ArrayView, scope: BlockScope, unroll: int) -> None:
-    """Writes the corrected values to a place, element by element."""
+    """Writes the values of the input of `check`, with invalid elements corrected, to the place
+    `place`.
+    """
 
     def correct(at: Indices, inner: BlockScope) -> None:
         if not check.functions.constant_time:
@@ -195,7 +207,9 @@ def _fill(check: _InputCheck, place: ArrayView, scope: BlockScope, unroll: int) 
 
 
 def policy_functions(interface: Interface, table: FunctionTable) -> tuple[c.Function, ...]:
-    """Definitions of the check functions that step, reset and linearize use."""
+    """Definitions of the C functions that check values, one for each policy that an input or a
+    sample of `reset` has.
+    """
     ports = (*(i.port for i in interface.inputs), *(port for _, port in interface.windows))
     used = {port.signal.on_invalid for port in ports}
     return tuple(
@@ -273,8 +287,8 @@ _UNORDERED = c.Name("unordered")
 
 
 def constant_time_check(policy: InvalidPolicy, table: FunctionTable) -> tuple[c.Statement, ...]:
-    """The body of the function that checks x, with the same arguments as the version with
-    branches.
+    """The body of a policy's C function without branches; its arguments are the same as those of
+    the version with branches. Empty for policy trust.
     """
 
     def bits(bit: StatusBit, count: c.Expression) -> c.Statement:

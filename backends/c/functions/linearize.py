@@ -29,7 +29,9 @@ _FEW = 16
 
 
 def linearize_function(model: ControllerCode, interface: JacobianInterface) -> Function:
-    """`<prefix>_linearize(s, p, u, jac)`: the Jacobian of the step at s and u."""
+    """The C function `<prefix>_linearize(s, p, u, jac)`: writes the Jacobian of the step at state s
+    and inputs u to `jac`, and returns status bits. The state does not change.
+    """
     writer = _LinearizeWriter(model, interface)
     writer.begin()
     graph = interface.jacobian.graph
@@ -55,7 +57,9 @@ def linearize_function(model: ControllerCode, interface: JacobianInterface) -> F
 
 
 def _entries(field: MatrixField, block: MatrixBlock, graph: Graph) -> ArrayView:
-    """The place of the entries of a block."""
+    """The place in the struct of those entries of a matrix that the node of `block` computes, as a
+    view with the node's shape.
+    """
     shape = graph[block.node].type.shape
     return ArrayView(field.place.storage, shape, block.strides, Index(block.offset))
 
@@ -71,7 +75,9 @@ class _LinearizeWriter(FunctionWriter):
         self._fields = interface.fields
 
     def begin(self) -> None:
-        """Writes the status, the heads of rings that are read, and the checked inputs."""
+        """Writes the declaration of the status, the heads of the rings that are read, and the
+        checks of the inputs. Policy `hold` stores nothing here.
+        """
         interface, scope = self.interface, self.scope
         scope.reserve(OUT)
         if not interface.has_state:
@@ -101,7 +107,9 @@ class _LinearizeWriter(FunctionWriter):
                 scope.add(Discard(valid.storage.text))
 
     def report_infinite(self, graph: Graph) -> None:
-        """Sets a status bit if an entry is infinite or NaN."""
+        """Writes checks that set the bit SLOPE_NOT_FINITE if an entry is infinite or NaN, for the
+        entries for which that is possible.
+        """
         blocks = [(f, block) for f in self._fields for block in f.matrix.perhaps_infinite]
         if blocks:
             self.comment("slopes that can be infinite")
@@ -112,7 +120,7 @@ class _LinearizeWriter(FunctionWriter):
             report_outside(self, place, (-largest, largest), StatusBit.SLOPE_NOT_FINITE)
 
     def write_known(self, field: MatrixField) -> None:
-        """Writes the constant entries."""
+        """Writes the entries of a matrix that are the same number for every state and input."""
         known = {i: x for i, x in enumerate(field.matrix.known) if x is not None}
         place, scope = field.place, self.scope
         # if there are many, a loop sets all entries to 0, then the nonzero constants are written
@@ -134,7 +142,7 @@ class _LinearizeWriter(FunctionWriter):
 
 @dataclass(frozen=True, slots=True)
 class NumberRun:
-    """The same value at first, first + stride, …; a single value has the stride 1."""
+    """`count` equal values at the indices first, first + stride, …; a single value has stride 1."""
 
     value: float
     first: int
@@ -143,7 +151,9 @@ class NumberRun:
 
 
 def number_runs(numbers: Mapping[int, float]) -> list[NumberRun]:
-    """Groups values by index into runs, in the order of their first indices."""
+    """Groups values, given by index, into runs of equal values at equal distances. Runs are in the
+    order of their first indices.
+    """
     places: dict[float, list[int]] = {}
     for place, value in sorted(numbers.items()):
         places.setdefault(value, []).append(place)
@@ -152,7 +162,9 @@ def number_runs(numbers: Mapping[int, float]) -> list[NumberRun]:
 
 
 def _runs(value: float, places: list[int]) -> list[NumberRun]:
-    """Starts a run at each index and extends it while the distance stays the same."""
+    """Splits `places`, the ascending indices of one value, into runs: each is extended while the
+    distance stays the same. Two places alone become two runs of one.
+    """
     runs: list[NumberRun] = []
     begin = 0
     while begin < len(places):
@@ -173,7 +185,10 @@ _MOST_ROWS, _MOST_COLUMNS = 32, 64
 
 
 def pattern_comments(matrix: Matrix) -> Iterator[str]:
-    """One line of marks per row, one mark per entry; consecutive equal rows share a line."""
+    """Comment lines that show the structure of a matrix: a legend, then one line of marks per row
+    with the row's name; consecutive equal rows share a line. Nothing for a matrix larger than 32 ×
+    64.
+    """
     rows, columns = matrix.shape
     if rows > _MOST_ROWS or columns > _MOST_COLUMNS:
         return
@@ -191,7 +206,9 @@ def _row_marks(matrix: Matrix, row: int) -> str:
 
 
 def mark(matrix: Matrix, entry: int) -> str:
-    """The kind of an entry, as one character."""
+    """The kind of the entry with this row-major index, as one character: `.` 0, `=` another
+    constant, `p` computed from parameters only, `*` computed.
+    """
     known = matrix.known[entry]
     if known is not None:
         return "." if known == 0.0 else "="
@@ -199,7 +216,9 @@ def mark(matrix: Matrix, entry: int) -> str:
 
 
 def entries_comment(matrix: Matrix, block: MatrixBlock, type: Type) -> str:
-    """The comment of the entries that a block writes: `d speed / d torque [m/s/N/m]`."""
+    """The C comment on the entries of a matrix that one node, of this type, computes: `d speed / d
+    torque [m/s/N/m]`.
+    """
     places = block.places(type.shape).ravel()
     row, first = divmod(int(places[0]), matrix.columns.size)
     last = int(places[-1]) % matrix.columns.size

@@ -22,7 +22,9 @@ from compiler.ir.program import Program
 
 
 def init_function(program: Program, model: ControllerCode) -> c.Function:
-    """`<prefix>_init(s, p)`: sets states that need no recorded data; marks the others as unset."""
+    """`<prefix>_init(s, p)`: sets states that need no recorded samples. The others become 0 and
+    stay marked as unset in the field `ready`.
+    """
     writer = _StartWriter(model, program.start)
     interface = model.interface
     known = [s.name for s in program.states if s.name not in interface.from_record]
@@ -39,9 +41,8 @@ def init_function(program: Program, model: ControllerCode) -> c.Function:
 
 
 def reset_function(program: Program, model: ControllerCode) -> c.Function:
-    """`<prefix>_reset(s, p, x0)`: sets all states, from samples around the first step.
-
-    It returns status bits for invalid samples and for states out of range.
+    """`<prefix>_reset(s, p, x0)`: sets all states, from samples around the first step in x0. The C
+    function returns status bits for invalid samples and for states out of range.
     """
     writer = _StartWriter(model, program.start)
     interface = model.interface
@@ -63,7 +64,9 @@ def reset_function(program: Program, model: ControllerCode) -> c.Function:
 
 
 def restart_functions(program: Program, model: ControllerCode) -> tuple[c.Function, ...]:
-    """`<prefix>_restart_<state>(s, p)` for each state with `on_range: reset`."""
+    """One static function `<prefix>_restart_<state>(s, p)` for each state with `on_range: reset`;
+    it sets that state to its initial value.
+    """
     found: list[c.Function] = []
     for memory in model.interface.states:
         if memory.state.on_range == "reset":
@@ -78,7 +81,9 @@ def restart_functions(program: Program, model: ControllerCode) -> tuple[c.Functi
 
 class _StartWriter(FunctionWriter):
     def set_states(self, program: Program, starts: dict[str, ArrayView | None]) -> None:
-        """Sets the named states: to a place, or for None to the value from the start graph."""
+        """Writes the initial values of the states that `starts` names: from the given place, or,
+        for None, computed by the start graph.
+        """
         computed = [s.start for s in program.states if s.name in starts and starts[s.name] is None]
         # only for the named states: starts of other states are not computed
         lowered = GraphLowering(program.start, computed, self, self.scope, self.locals)
@@ -89,7 +94,7 @@ class _StartWriter(FunctionWriter):
                 memory.write_start(place, self.scope, self.unroll)
 
     def check_windows(self) -> None:
-        """Writes the status and the checked samples."""
+        """Writes the declaration of the status, and the checks of the samples around t0."""
         interface = self.interface
         checked = [f for f, port in interface.windows if port.signal.on_invalid != "trust"]
         ok = c.Name(f"{interface.prefix.upper()}_OK")
@@ -102,13 +107,17 @@ class _StartWriter(FunctionWriter):
             )
 
     def read_heads(self) -> None:
-        """Reads the heads of rings whose samples are checked."""
+        """Writes declarations of the heads (write positions) of those ring buffers whose samples
+        are checked.
+        """
         for check in self.interface.checks:
             if isinstance(check.memory, DoubledRing):
                 check.memory.begin(self.scope)
 
     def finish_states(self, ready: int) -> None:
-        """Sets the other fields of the state struct."""
+        """Writes the other fields of the state struct: held inputs become the valid value nearest
+        to 0, and the field `ready` the bits `ready`.
+        """
         interface = self.interface
         for input in interface.inputs:
             if input.held is not None:

@@ -1,4 +1,6 @@
-"""Tests if values are within a range, and reports states that are NaN or out of range."""
+"""Writes checks that values are within a range, and that report states which are NaN or out of
+range.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ INITIALISED = 4
 
 
 def report_unready(writer: FunctionWriter) -> None:
-    """Sets a status bit before `init`, and while states wait for `reset`."""
+    """Writes a check that sets the bit UNINITIALISED: neither `init` nor `reset` was called, or
+    states or buffers wait for data. Nothing for a model without state.
+    """
     interface = writer.interface
     if not interface.has_state:
         return
@@ -39,24 +43,30 @@ def report_unready(writer: FunctionWriter) -> None:
 
 
 def report_not_a_number(writer: FunctionWriter, values: ArrayView) -> None:
-    """Sets a status bit if the next value of a saturated state is NaN."""
+    """Writes a check that sets STATE_OUT_OF_RANGE if an element of `values` is NaN: the next value
+    of a state with `on_range: saturate`, before its limit.
+    """
     # ±∞ is limited to the range, so only NaN is reported
     report_outside(writer, values, (-math.inf, math.inf), StatusBit.STATE_OUT_OF_RANGE)
 
 
 def report_first_states(writer: FunctionWriter) -> None:
-    """Reports states out of range before the first step, including all samples of buffers."""
+    """Writes checks of the initial states for `reset`: status bits for values out of range. All
+    samples of buffers are checked.
+    """
     for check in writer.interface.checks:
         report_outside(writer, check.memory.samples, check.limits, check.bit)
 
 
 def restart_name(writer: FunctionWriter, memory: PlainState) -> str:
-    """The name of the function that sets a state to its `init`."""
+    """The name of the C function that sets a state to its initial value."""
     return f"{writer.interface.prefix}_restart_{memory.identifier}"
 
 
 def report_next_states(writer: FunctionWriter) -> None:
-    """Reports states out of range after a step; `on_range: reset` sets them to their `init`."""
+    """Writes checks of the states at the end of a step: status bits for values out of range.
+    `on_range: reset` also sets the state to its initial value; saturated states are skipped.
+    """
     for check in writer.interface.checks:
         memory = check.memory
         if memory.state.on_range == "saturate":
@@ -69,7 +79,9 @@ def report_next_states(writer: FunctionWriter) -> None:
 
 
 def _restart(writer: FunctionWriter, check: StateCheck, memory: PlainState) -> None:
-    """Resets all elements of a state if one of them is out of range."""
+    """Writes code that reports a state and sets all its elements to their initial values, if at
+    least one element is out of range.
+    """
     scope, functions = writer.scope, writer.model.functions
     restart = c.Evaluate(c.Call(restart_name(writer, memory), writer.instance()))
     values = memory.samples
@@ -94,7 +106,9 @@ def _restart(writer: FunctionWriter, check: StateCheck, memory: PlainState) -> N
 def _restart_in_constant_time(
     writer: FunctionWriter, check: StateCheck, memory: PlainState, restart: c.Statement
 ) -> None:
-    """Computes the initial value in every step, and selects between it and the next value."""
+    """Writes the check of `_restart` without branches: the statement `restart` runs in every step,
+    then the next or the initial value is selected for each element.
+    """
     scope, functions, values = writer.scope, writer.model.functions, memory.samples
     left = c.Name(scope.fresh(f"{memory.identifier}_left"))
     scope.add(c.Declare(c.CType.UNSIGNED, left.text, c.Unsigned(0)))
@@ -127,7 +141,9 @@ def _bit(writer: FunctionWriter, bit: StatusBit) -> c.Statement:
 
 
 def within(value: Expression, low: float, high: float, functions: FunctionTable) -> Expression:
-    """low ≤ value ≤ high, False for NaN; a symmetric range needs one comparison."""
+    """A C expression: low ≤ value ≤ high, False for NaN. A symmetric range uses one comparison with
+    abs().
+    """
     if low == -high:
         return Binary("<=", functions.library("abs", (value,)), Real(high))
     return Binary("&&", Binary(">=", value, Real(low)), Binary("<=", value, Real(high)))
@@ -136,7 +152,9 @@ def within(value: Expression, low: float, high: float, functions: FunctionTable)
 def report_outside(
     writer: FunctionWriter, values: ArrayView, limits: tuple[float, float], bit: StatusBit
 ) -> None:
-    """Sets a status bit if an element is outside the limits; NaN always is."""
+    """Writes a check that sets a status bit if an element of `values` is below or above the limits
+    (low, high) or is NaN.
+    """
     low, high = limits
     functions = writer.model.functions
     macro = Name(status_macro(writer.interface.prefix, bit))

@@ -16,7 +16,9 @@ _VECTOR = "v"
 
 
 def vector_functions(interface: Interface, jacobian: JacobianInterface) -> list[Function]:
-    """`get_state` and so on, for each nonempty vector; for x and p also `set_…`."""
+    """C functions that copy between structs and vectors of the Jacobian: `get_state`, `get_inputs`,
+    `get_outputs`, `get_parameters` for nonempty vectors, and `set_state`, `set_parameters`.
+    """
     functions: list[Function] = []
     for vector in jacobian.vectors:
         match vector.letter:
@@ -76,7 +78,9 @@ def _listed(interface: Interface, vector: VectorNames) -> list[StateMemory]:
 
 
 def _waiting(interface: Interface, listed: Iterable[StateMemory]) -> int:
-    """The bits of `ready` that remain after these states are set."""
+    """The bits of the field `ready` that may remain set after the states in `listed` were set:
+    INITIALISED, and the bits for other states that still wait for data.
+    """
     rest = interface.from_record - {memory.state.name for memory in listed}
     kept = INITIALISED | (BUFFERS_EMPTY if rest & interface.filled_by_first else 0)
     return kept | (STATES_UNSET if rest - interface.filled_by_first else 0)
@@ -118,9 +122,9 @@ def _function(
     doc: str,
     write: Callable[[BlockScope], None],
 ) -> Function:
-    """A function that copies between a struct and a vector.
-
-    `struct` has `const ` (the struct is read) or nothing, its type and its name.
+    """The C function `<prefix>_<name>` that copies between a struct and a vector `v`. `struct` is
+    (`const ` if the struct is read, else empty; its type; its argument name). `write` adds the
+    copying statements to a scope.
     """
     prefix = interface.prefix
     scope = BlockScope(LocalNames(prefix))

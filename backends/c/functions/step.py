@@ -26,7 +26,9 @@ from compiler.passes.analyses.saturation import unsaturated
 
 
 def step_function(program: Program, model: ControllerCode) -> c.Function:
-    """`<prefix>_step(s, p, u, y)`: one step; returns status bits."""
+    """The C function `<prefix>_step(s, p, u, y)`: computes outputs y from inputs u, changes the
+    states s, and returns status bits.
+    """
     writer = _StepWriter(model, program.step)
     writer.begin()
     roots = seen_values(program) + [joining(memory) for memory in model.interface.states]
@@ -64,7 +66,9 @@ class _StepWriter(FunctionWriter):
         self._empty = set(model.interface.filled_by_first)
 
     def begin(self) -> None:
-        """Writes the status, heads of rings and checked inputs, and reports unset states."""
+        """Writes the declaration of the status, the heads of the ring buffers, the checks of the
+        inputs, and the check that states were initialised.
+        """
         interface, scope = self.interface, self.scope
         if not interface.inputs:
             scope.add(c.Discard("u"))
@@ -97,10 +101,9 @@ class _StepWriter(FunctionWriter):
             self.scope.add(c.If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
 
     def commit(self, lowered: GraphLowering, moved: set[str]) -> None:
-        """Writes the new values into the states, once all values that depend on old states are
-        computed.
-
-        Buffers in `moved` were already shifted by a sum that read them and are skipped.
+        """Writes the next values into the states. Values that read old states are computed or
+        copied before. Skips the buffers named in `moved`, which a sum already shifted while it read
+        them.
         """
         interface = self.interface
         following: list[tuple[PlainState | DelayLine, ArrayView]] = []
@@ -125,7 +128,9 @@ class _StepWriter(FunctionWriter):
         assert not self._empty  # all buffers were pushed, so the bit is cleared after a step
 
     def check_equations(self, program: Program, lowered: GraphLowering) -> None:
-        """Reports equations outside their range."""
+        """Writes checks that report values of equations outside the range `expected` of the
+        spec.
+        """
         for entry in program.expected:
             low, high = entry.range
             self.comment(f"expected of {entry.name}: {low:.9g} .. {high:.9g}")
@@ -133,7 +138,9 @@ class _StepWriter(FunctionWriter):
             report_outside(self, value, entry.range, StatusBit.EQUATION_OUT_OF_RANGE)
 
     def check_saturated(self, program: Program, lowered: GraphLowering) -> None:
-        """Reports saturated states that keep their old value because the next one is NaN."""
+        """Writes checks that report states with `on_range: saturate` whose next value is NaN before
+        the limit.
+        """
         for name, node in unsaturated(program).items():
             self.comment(f"next value of {name}: a number")
             report_not_a_number(self, lowered.place(node, f"{name}_unsaturated"))

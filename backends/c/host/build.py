@@ -28,10 +28,9 @@ _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)', re.MULTILINE)
 
 
 class CompilerFailedError(Exception):
-    """The compiler rejected the sources, failed or timed out.
-
-    `compiler` is its command without the flags of msnn. `said` has at least one line: its messages,
-    or the time limit. `remedy` is a suggestion.
+    """The compiler rejected the sources, failed or timed out. `compiler` is the command up to the
+    flags that msnn adds. `said` are the lines of its messages, or one line about the time limit; it
+    is never empty. `remedy` is a suggestion for the user.
     """
 
     def __init__(
@@ -52,9 +51,10 @@ def build_library(
     compiler: Sequence[str] | None = None,
     flags: Sequence[str] | None = None,
 ) -> Path:
-    """Compiles the sources of a folder that `write_c` wrote to a shared library; returns its path.
-
-    The default of `flags` is `LEVEL`. Raises CompilerMissingError and CompilerFailedError.
+    """Compiles `src/*.c` of a folder that `write_c` wrote to the shared library at path `library`;
+    returns that path. `compiler` is a command (default: the compiler found on this machine);
+    `flags` are its optimisation flags (default `-O2`). Raises CompilerMissingError and
+    CompilerFailedError.
     """
     # contraction to fused operations would round differently from the interpreter
     own = (LEVEL,) if flags is None else flags
@@ -70,10 +70,10 @@ def link_library(
     library: Path,
     *flags: str,
 ) -> Path:
-    """Builds a shared library from sources with headers in `folders`; returns its path.
-
-    `head` is the compiler with flags for compiling and linking; `flags` are for linking only.
-    Raises CompilerFailedError with the compiler's messages, also for a timeout.
+    """Compiles sources and links them to the shared library at path `library`; returns that path.
+    `head` is the compiler command with flags for compiling and linking, `folders` contain headers,
+    `flags` are for linking only. Raises CompilerFailedError with the compiler's messages, also for
+    a timeout.
     """
     installed = installed_as(tuple(head))
     with TemporaryDirectory(prefix="msnn-objects-") as place:
@@ -95,7 +95,9 @@ def link_library(
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """A C file and its headers; equal contents give the same object in any folder."""
+    """A C file with the texts of itself and its headers. Two are equal if the texts are, in any
+    folder, so that a cached object file can be used again.
+    """
 
     texts: tuple[str, ...]
     path: Path = field(compare=False)
@@ -103,9 +105,8 @@ class _Source:
 
 
 def _read(path: Path, folders: Sequence[Path], texts: dict[Path, str]) -> None:
-    """Adds the file and the headers that it includes, except system headers.
-
-    Two headers may have the same name: one in `src/` can include that of `include/`.
+    """Adds the text of the file and of the headers that it includes to `texts`, by path. Headers
+    are searched next to the file and in `folders`; others, such as system headers, are skipped.
     """
     texts[path] = path.read_text(encoding="utf-8")
     for name in _INCLUDE.findall(texts[path]):
@@ -126,7 +127,10 @@ def _object(source: _Source, head: tuple[str, ...], _installed: tuple[int, ...])
 
 
 def compiled(command: Sequence[str], result: Path, *libraries: str) -> Path:
-    """Runs a compiler command; returns the file. Raises CompilerFailedError and OSError."""
+    """Runs a compiler command that writes the file `result`; returns that path. `libraries` are
+    flags such as `-lm` that follow the output. Raises CompilerFailedError, and OSError for a full
+    disk.
+    """
     whole = [*command, "-o", str(result), *libraries]
     try:
         done = run_compiler(whole)

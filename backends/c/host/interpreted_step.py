@@ -1,4 +1,4 @@
-"""Steps a program in the interpreter like its C code: input policies and unset states."""
+"""Runs a program in the interpreter with the input policies and status bits of its C code."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ Array = NDArray[Any]
 
 
 class InterpretedStep:
-    """One instance of a program in step form, with the arithmetic of its C code.
-
-    `inputs` and `outputs` are the values of the step as one array of reals, field after field.
+    """One instance of a program in step form, computed by the interpreter with the arithmetic,
+    input policies and status bits of its C code. `inputs` and `outputs` are memory that the caller
+    writes and reads: arrays of reals (ctypes), field after field in the order of the interface.
     """
 
     name: Literal["c", "interpreter"] = "interpreter"
@@ -69,7 +69,7 @@ class InterpretedStep:
         self.init()
 
     def init(self) -> None:
-        """Sets the states that need no data."""
+        """Sets the states that need no recorded samples, as `init` in C; the others become 0."""
         interface = self._interface
         zeros = {
             state.name: np.zeros((1, *(axis.size for axis in state.axes)), self._dtype)
@@ -84,7 +84,10 @@ class InterpretedStep:
         self.waiting |= STATES_UNSET if interface.from_record - interface.filled_by_first else 0
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
-        """Sets all states from samples around the first step; returns status bits."""
+        """Sets all states from samples around the first step; returns status bits. `windows` has a
+        value for each argument of `reset`, by name: samples with time as last axis, or a supplied
+        state. Raises KeyError if one is missing.
+        """
         bits = StatusBit(0)
         ports = {field.name: port for field, port in self._interface.windows}
         # the row of the first step, so that the oldest sample of any port is in row 0 or later
@@ -107,7 +110,7 @@ class InterpretedStep:
         return int(bits | first_state_bits(self._interface, self._states))
 
     def step(self) -> int:
-        """Runs a step from `inputs` to `outputs`; returns status bits."""
+        """Runs one step: reads the memory `inputs`, writes `outputs`, and returns status bits."""
         bits = StatusBit(0)
         for input in self._interface.inputs:
             name, signal = input.field.name, input.port.signal
@@ -135,22 +138,28 @@ class InterpretedStep:
         return int(bits)
 
     def states(self) -> dict[str, Array]:
-        """The values of all states."""
+        """Copies of the current states by name, each with the shape of the spec."""
         return {name: np.array(value[0]) for name, value in self._states.items()}
 
     def set_states(self, values: Mapping[str, ArrayLike]) -> None:
-        """Sets all states."""
+        """Replaces all states by `values`, by name. Raises KeyError if one is missing, ValueError
+        for a wrong number of elements.
+        """
         self._states = {
             name: np.array(values[name], self._dtype).reshape(value.shape)
             for name, value in self._states.items()
         }
 
     def no_longer_waits(self, bits: int) -> None:
-        """Clears bits of `waiting`."""
+        """Clears these bits of `waiting`: the states or buffers that they mean now have valid
+        values.
+        """
         self.waiting &= ~bits
 
     def _begin(self) -> None:
-        """Stores the values before the first step."""
+        """Stores the initial values of states with `on_range: reset`, and sets the values that
+        policy `hold` uses before the first valid input.
+        """
         restarting = {s.name for s in self._program.states if s.on_range == "reset"}
         self._first = {n: value for n, value in self._states.items() if n in restarting}
         self._seen = {
@@ -160,7 +169,9 @@ class InterpretedStep:
 
 
 def _parts(memory: Any, fields: Iterable[Field], dtype: Dtype) -> dict[str, Array]:
-    """Views of consecutive fields in the memory."""
+    """Views of the fields by name, in their shapes, in a block of memory that holds them one after
+    the other. Writing to a view changes the memory.
+    """
     numbers = np.frombuffer(memory, dtype)
     found: dict[str, Array] = {}
     begin = 0

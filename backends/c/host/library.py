@@ -15,11 +15,10 @@ from spec_schema.registry import ARITHMETICS
 
 
 class CStep:
-    """One instance of a model.
-
-    `layout` is the description of the C code in the folder's JSON file. Values are passed by their
-    names in the spec, in the shape of the port. Raises ValueError for a missing or unknown name or
-    a wrong shape. `weights` replace the trained values, unless these are inlined in the code.
+    """One instance of a compiled model. `layout` is the entry `c` of the folder's JSON file.
+    `weights` (physical values by name) replace the trained ones; they are ignored if the code has
+    them inlined. Methods take values by name in the spec, in the shape of the port, and raise
+    ValueError for missing or unknown names and wrong shapes.
     """
 
     def __init__(
@@ -47,7 +46,10 @@ class CStep:
 
     @classmethod
     def of_folder(cls, folder: Path, library: Path) -> CStep:
-        """An instance of a model that `write_c` wrote and `build_library` compiled."""
+        """An instance of a model that `write_c` wrote to `folder` and `build_library` compiled to
+        `library`. Raises ValueError unless the folder has exactly one JSON file, OSError for an
+        unreadable library.
+        """
         return cls(_layout(folder), ctypes.CDLL(str(library)))
 
     @property
@@ -61,17 +63,19 @@ class CStep:
         return self._structs["in"].shapes
 
     def init(self) -> None:
-        """Sets the states that need no data."""
+        """Sets the states that need no recorded samples; the others stay marked as unset."""
         self._function("init")(*self.instance)
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
-        """Sets all states from samples around the first step; returns status bits."""
+        """Sets all states from samples around the first step; returns status bits. `windows` are
+        the arguments of `reset` by name, with the shapes of `start_shapes`.
+        """
         start = self._structs["init"].filled(windows, 1)
         reset = self._function("reset", ctypes.c_uint32)
         return int(reset(*self.instance, start.ctypes.data))
 
     def step(self, inputs: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
-        """Outputs and status bits of one step."""
+        """Runs one step with these inputs; returns the outputs by name and the status bits."""
         series = {name: np.asarray(value)[np.newaxis] for name, value in inputs.items()}
         outputs, status = self.run(series, 1)
         return {name: values[0] for name, values in outputs.items()}, int(status[0])
@@ -79,7 +83,9 @@ class CStep:
     def run(
         self, inputs: Mapping[str, ArrayLike], steps: int
     ) -> tuple[dict[str, Array], NDArray[np.uint32]]:
-        """Outputs (steps, *shape) and status (steps,) for inputs (steps, *shape)."""
+        """Runs `steps` steps with inputs (steps, *shape) by name; returns outputs (steps, *shape)
+        by name and the status bits of each step (steps,).
+        """
         given = self._structs["in"].filled(inputs, steps)
         outputs = self._structs["out"].new(steps)
         status = np.zeros(steps, np.uint32)
@@ -96,7 +102,9 @@ class CStep:
         return self._structs["out"].values(outputs), status
 
     def linearize(self, inputs: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
-        """The matrices of the next step and status bits; the state does not change."""
+        """The Jacobian of the next step with these inputs: its matrices (rows, columns) by name,
+        and status bits. The state does not change.
+        """
         given = self._structs["in"].filled(inputs, 1)
         slopes = self._structs["jacobian"].new(1)
         call = self._function("linearize", ctypes.c_uint32)
@@ -105,20 +113,21 @@ class CStep:
         return {name: value[0] for name, value in values.items()}, int(status)
 
     def get_state(self, numbers: int) -> Array:
-        """The vector x of the Jacobian, with `numbers` elements."""
+        """The state as vector x of the Jacobian. `numbers` is the length of x."""
         x = np.zeros(numbers, self.dtype)
         self._function("get_state")(self._state.ctypes.data, x.ctypes.data)
         return x
 
     def set_state(self, x: ArrayLike) -> None:
-        """Sets all memory of the model from the vector x."""
+        """Sets the states that the vector x of the Jacobian contains; its order is that of
+        `get_state`.
+        """
         values = np.ascontiguousarray(x, self.dtype)
         self._function("set_state")(self._state.ctypes.data, values.ctypes.data)
 
     def tune(self, parameters: Mapping[str, ArrayLike]) -> None:
-        """Changes parameters of this instance only.
-
-        Raises ValueError if they are inlined in the code.
+        """Changes some parameters (physical values by name) of this instance only. Raises
+        ValueError if they are inlined in the code.
         """
         if self._parameters is None:
             raise ValueError("the parameters of this code are written into it")
@@ -127,23 +136,33 @@ class CStep:
         self._parameters = struct.filled(current | dict(parameters), 1)
 
     def states(self) -> dict[str, Array]:
-        """The values of all states, buffers with the oldest sample first; empty in fixed point."""
+        """The current states by name, in the shapes of the spec, buffers with the oldest sample
+        first. Empty for fixed-point code.
+        """
         return self._states.values(self._state[0])
 
     def set_states(self, values: Mapping[str, ArrayLike]) -> None:
-        """Sets all states of an instance that was reset, in the shapes of `states`."""
+        """Sets all states (by name, in the shapes of `states`) of an instance after `init` or
+        `reset`. Raises KeyError if one is missing.
+        """
         self._states.fill(self._state[0], values)
 
     def word(self, field: str) -> int:
-        """An internal field of the state struct, which the spec does not name."""
+        """The value of an integer field of the state struct that the spec does not name, such as
+        `ready`. Raises ValueError for an unknown field.
+        """
         return int(self._state[0][field])
 
     def set_word(self, field: str, value: int) -> None:
-        """Writes an internal field of the state struct."""
+        """Writes an integer field of the state struct that the spec does not name, such as `ready`.
+        Raises ValueError for an unknown field.
+        """
         self._state[0][field] = value
 
     def selftest(self) -> int:
-        """Bits of the self-test; 0 means success."""
+        """Runs the self-test; returns the bits of its failed checks (`SelfTestBit`), 0 for
+        success.
+        """
         return int(self._function("selftest", ctypes.c_uint32)())
 
     def _own_parameters(self, weights: Mapping[str, ArrayLike] | None) -> Array:
@@ -158,7 +177,9 @@ class CStep:
 
     @property
     def instance(self) -> tuple[int, ...]:
-        """The addresses of state and parameters, the first arguments of every function."""
+        """The addresses of state and parameters (if the code takes them), the first arguments of
+        every function.
+        """
         state = self._state.ctypes.data
         return (state,) if self._parameters is None else (state, self._parameters.ctypes.data)
 
@@ -174,7 +195,9 @@ class CStep:
 
 
 def _layout(folder: Path) -> dict[str, Any]:
-    """Reads the layout of the structs from the folder's one JSON file."""
+    """The entry `c` of the folder's JSON file: number types, structs and status bits. Raises
+    ValueError unless the folder has exactly one JSON file.
+    """
     files = sorted(folder.glob("*.json"))
     if len(files) != 1:
         raise ValueError(f"{folder} holds {len(files)} JSON files, not the one about its C")
@@ -185,7 +208,9 @@ Array = NDArray[Any]
 
 
 class StructMemory:
-    """A struct of the header as a numpy type; `align` pads fields like C compilers."""
+    """The layout of a C struct as a numpy dtype, with the padding of C compilers. `fields` are from
+    the JSON file; `types` maps its number types (`real`, `word`) to numpy names.
+    """
 
     def __init__(self, fields: list[dict[str, Any]], types: Mapping[str, str]) -> None:
         kinds = {**types, "uint32": "uint32"}
@@ -196,14 +221,16 @@ class StructMemory:
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """The shapes of the fields that the spec names."""
+        """The shapes of the fields that the spec names, by name in the spec."""
         return {name: tuple(field["shape"]) for name, field in self._fields.items()}
 
     def new(self, count: int) -> Array:
         return np.zeros(count, self.dtype)
 
     def filled(self, values: Mapping[str, ArrayLike], count: int) -> Array:
-        """Structs with the values; for a single struct the axis of the series may be missing."""
+        """An array of `count` structs with these values by name, each (count, *shape), or (*shape)
+        if count is 1. Raises ValueError for missing or unknown names and wrong shapes.
+        """
         if values.keys() != self._fields.keys():
             expected, given = sorted(self._fields), sorted(values)
             raise ValueError(f"values wanted for {expected}, given for {given}")
@@ -219,7 +246,9 @@ class StructMemory:
         return structs
 
     def values(self, structs: Array) -> dict[str, Array]:
-        """The fields that the spec names, (count, *shape)."""
+        """Copies of the fields that the spec names, (count, *shape) by name, from an array of
+        structs.
+        """
         return {name: structs[field["field"]].copy() for name, field in self._fields.items()}
 
 
@@ -235,9 +264,8 @@ NUMBERS: dict[str, dict[str, str]] = {
 
 
 class StateStruct:
-    """The state struct of a model, with the places of its states.
-
-    `layout` is the description of the C code in the folder's JSON file.
+    """The state struct of a model, with access to the states in it by name. `layout` is the entry
+    `c` of the folder's JSON file.
     """
 
     def __init__(self, layout: Mapping[str, Any]) -> None:
@@ -245,18 +273,24 @@ class StateStruct:
         self._states: list[dict[str, Any]] = layout.get("states", [])
 
     def values(self, memory: Any) -> dict[str, Array]:
-        """The values of all states, buffers with the oldest sample first; empty in fixed point."""
+        """The states by name from one struct in `memory`, in the shapes of the spec, buffers with
+        the oldest sample first. Empty in fixed point.
+        """
         return {state["name"]: _value_of(state, memory) for state in self._states}
 
     def fill(self, memory: Any, values: Mapping[str, ArrayLike]) -> None:
-        """Sets all states, in the shapes of `values`."""
+        """Writes all states into one struct in `memory`. `values` have the shapes of
+        `StateStruct.values`; raises KeyError if one is missing.
+        """
         for state in self._states:
             field = memory[state["field"]]
             _set_value(state, memory, np.asarray(values[state["name"]], field.dtype))
 
 
 def _value_of(state: dict[str, Any], memory: Any) -> Array:
-    """The value of a state from the struct; a buffer has room for one additional sample."""
+    """The value of a state from one struct, in the shape of the spec. `state` describes its storage
+    (kind `plain`, `shift` or `ring`); buffers reserve more room than their samples need.
+    """
     stored, shape = memory[state["field"]], tuple(state["shape"])
     if state["kind"] == "plain":
         return stored.reshape(shape).copy()
@@ -269,7 +303,9 @@ def _value_of(state: dict[str, Any], memory: Any) -> Array:
 
 
 def _set_value(state: dict[str, Any], memory: Any, value: Array) -> None:
-    """Writes the value of a state to the struct; a ring stores every sample twice."""
+    """Writes the value of a state into one struct. `state` describes its storage (kind `plain`,
+    `shift` or `ring`); a ring stores every sample twice and has its write position reset to 0.
+    """
     if state["kind"] == "plain":
         memory[state["field"]] = value.reshape(memory[state["field"]].shape)
         return

@@ -36,7 +36,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Field:
-    """A field of a struct: a real, or an array in C order of its shape."""
+    """A named value in a C struct: a real, or an array of the shape of its axes in C order."""
 
     name: str
     """Name in the spec."""
@@ -59,7 +59,9 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class InputField:
-    """An input and its memory for invalid values."""
+    """An input of the step: its field in the C struct, the port of the program, and the field of
+    its last valid value.
+    """
 
     field: Field
     port: Port
@@ -69,7 +71,9 @@ class InputField:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interface:
-    """The structs of one program, with fields in the order of their declaration."""
+    """The public structs of one program's C code: each field with name, shape, unit and comment, in
+    the order of the header.
+    """
 
     model: str
     """Name of the program."""
@@ -109,8 +113,8 @@ class Interface:
 
     @property
     def calibration_section(self) -> str:
-        """Name of the section; linker scripts that list `.data.*` include it, others can place
-        it.
+        """The name of the linker section of that variable. Linker scripts that list `.data.*`
+        include it, others can place it.
         """
         return f".data.{self.prefix}_calibration"
 
@@ -126,7 +130,9 @@ class Interface:
 
     @property
     def filled_by_first(self) -> frozenset[str]:
-        """Buffers of `from_record` that the first step can fill with its first sample."""
+        """Names of the buffers in `from_record` that, after `init`, the first step fills with
+        copies of its first sample. Tapes and delay lines are none of them.
+        """
         return frozenset(
             memory.state.name
             for memory in self.states
@@ -137,7 +143,7 @@ class Interface:
 
 
 def c_interface(program: Program, options: COptions) -> Interface:
-    """The interface of a program in step form. Raises ValueError for another form."""
+    """The C interface of a program in step form. Raises ValueError for a program in window form."""
     prefix = c_identifier(options.prefix or program.name, set())
     newest = _newest_of_record(program)
     # a fitted start needs later samples than its graph reads: 1 means after t0
@@ -195,7 +201,9 @@ def c_interface(program: Program, options: COptions) -> Interface:
 
 
 class _FieldNames:
-    """Identifiers of one struct; none starts with the prefix of the header's macros."""
+    """Chooses unique C identifiers for the fields of one struct. None starts like a macro of the
+    header (`<PREFIX>_`), in upper or lower case.
+    """
 
     def __init__(self, prefix: str) -> None:
         self._macros = f"{prefix}_".lower()
@@ -209,12 +217,14 @@ class _FieldNames:
         return c_identifier(plain, self._taken)
 
     def field(self, name: str, axes: tuple[Axis, ...], unit: Unit | None, comment: str) -> Field:
-        """A field for a name of the spec."""
+        """A field for a name of the spec, with a new identifier of this struct."""
         return Field(name=name, identifier=self.add(name), axes=axes, unit=unit, comment=comment)
 
 
 def _newest_of_record(program: Program) -> dict[str, int]:
-    """The newest sample, relative to t0, that the start of a state reads from the log."""
+    """For each state whose start reads the log: the newest sample that it reads, as an offset from
+    t0 (0 is t0, 1 the sample after).
+    """
     newest: list[int | None] = []
     for _, node in program.start:
         reads = [sample for arg in node.args if (sample := newest[arg]) is not None]
@@ -269,7 +279,9 @@ def input_comment(port: Port) -> str:
 
 
 def window_comment(port: Port) -> str:
-    """The comment of recorded samples around t0."""
+    """The header's comment on an argument of `reset` with samples around t0: unit, axes, sample
+    times, documentation and place in the spec.
+    """
     signal = port.signal
     when = _samples("t0", port.first, port.last)
     return _comment(signal.unit, port.type.axes, (when, signal.doc), signal.span)
@@ -282,7 +294,10 @@ def supplied_comment(state: State) -> str:
 def output_comment(
     output: Output, type: Type, limits: tuple[float, float] | None, late: int
 ) -> str:
-    """The comment of an output, which is `late` samples older than the inputs of its step."""
+    """The header's comment on an output: unit, axes, range (`limits`), the signal and sample that
+    it predicts, documentation and place in the spec. Outputs are `late` samples older than the
+    inputs of their step.
+    """
     means = ""
     if output.predicts is not None:
         # relative to the newest input of the step, t: a late step predicts less far ahead
@@ -329,6 +344,8 @@ def _limits(range: tuple[float, float] | None) -> str:
 
 
 def _samples(now: str, first: int, last: int) -> str:
-    """`samples t-3 .. t` for a window, `sample t-3` for a delayed sample."""
+    """The samples from offset `first` to `last` in words: `samples t-3 .. t`, or `sample t-3` if
+    both are equal. `now` is the name of offset 0, `t` or `t0`.
+    """
     begin, end = (f"{now}{offset:+d}" if offset else now for offset in (first, last))
     return f"sample {end}" if first == last else f"samples {begin} .. {end}"

@@ -30,7 +30,9 @@ _ROW = {"x": "x of the next step", "y": "y"}
 
 @dataclass(frozen=True, slots=True)
 class MatrixField:
-    """A field of the struct with a nonempty matrix, in row-major order."""
+    """A matrix of the Jacobian as a field of the C struct `jac`, in row-major order. `columns` is
+    like `rows`.
+    """
 
     matrix: Matrix
     rows: str
@@ -48,7 +50,7 @@ class MatrixField:
 
     @property
     def place(self) -> ArrayView:
-        """Its entries, by index."""
+        """The view of all entries of the field, by row-major index."""
         return member_place(OUT, self.identifier, (self.matrix.size,))
 
     @property
@@ -60,7 +62,9 @@ class MatrixField:
 
 @dataclass(frozen=True, slots=True)
 class FirstPlace:
-    """A macro for the index of a quantity's first element in its vector."""
+    """A C macro whose value is the index of a quantity's first element in a vector of the
+    Jacobian.
+    """
 
     name: str
     """Name of the quantity in the spec."""
@@ -71,7 +75,9 @@ class FirstPlace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VectorNames:
-    """The macros of one vector."""
+    """A vector of the Jacobian (`letter` x, u, y or p) in the header: `count` is the macro of its
+    length `size`, `places` the macros of the first index of each quantity.
+    """
 
     letter: str
     count: str
@@ -84,14 +90,18 @@ class VectorNames:
         return any(place.name == name for place in self.places)
 
     def place(self, base: str, name: str, shape: tuple[int, ...]) -> ArrayView:
-        """The elements of a quantity, as a view of an array."""
+        """The elements of the quantity `name`, in this shape, as a view of the C array `base`.
+        Raises StopIteration for a quantity that is not in the vector.
+        """
         macro = next(place.macro for place in self.places if place.name == name)
         return ArrayView(Name(base), shape, c_strides(shape), variable(macro))
 
 
 @dataclass(frozen=True, slots=True)
 class JacobianInterface:
-    """The Jacobian of a program, and its names in C."""
+    """The Jacobian of a program, with its nonempty matrices and its vectors as the header declares
+    them.
+    """
 
     jacobian: Jacobian
     fields: tuple[MatrixField, ...]
@@ -101,7 +111,9 @@ class JacobianInterface:
 def jacobian_interface(
     program: Program, options: COptions, prefix: str
 ) -> JacobianInterface | None:
-    """The Jacobian interface; None if the options do not request it."""
+    """The Jacobian of a program with its names in C; None if the options have no `extras` and so do
+    not request it. `prefix` is that of all C names.
+    """
     if not options.extras:
         return None
     by_parameters = "parameter_jacobian" in options.extras

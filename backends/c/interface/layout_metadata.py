@@ -28,7 +28,10 @@ from compiler.jacobian.matrices import Matrix, Vector
 def layout_metadata(
     program: Program, interface: Interface, weights: Mapping[str, NDArray[Any]]
 ) -> dict[str, Any]:
-    """Data for `json.dumps`; the entry `c` holds the part that only exports to C have."""
+    """The content of `<prefix>.json` as data for `json.dumps`: ports, parameters and states as in
+    every export, and in the entry `c` the structs, status bits and Jacobian of the C code.
+    `weights` are physical arrays by name.
+    """
     ports = step_interface(program)
     states = {memory.state.name: memory.identifier for memory in interface.states}
     windows = {field.name: field.identifier for field, _ in interface.windows}
@@ -78,7 +81,9 @@ def layout_metadata(
 
 
 def _state(memory: StateMemory) -> dict[str, Any]:
-    """Describes how the struct stores a state: as a plain array, or as a buffer of samples."""
+    """The JSON description of the storage of a state: its field, shape, and `kind` (`plain`;
+    `shift` for a shifted buffer; `ring` for a ring buffer, with the field of its write position).
+    """
     value: dict[str, Any] = {
         "name": memory.state.name,
         "field": memory.identifier,
@@ -109,7 +114,9 @@ _Ranges: TypeAlias = dict[tuple[str, str], tuple[float, float] | None]
 
 
 def _ranges(program: Program, interface: Interface) -> _Ranges:
-    """Ranges of inputs and states in the spec; a buffer has the range of its signal."""
+    """The ranges of inputs, held inputs and states in the spec. A buffer without a range has that
+    of the signal that it stores.
+    """
     declared = {signal.name: signal.range for signal in program.signals}
     ranges: _Ranges = {}
     for input in interface.inputs:
@@ -134,9 +141,9 @@ def _ranges(program: Program, interface: Interface) -> _Ranges:
 
 
 def jacobian_metadata(interface: JacobianInterface) -> dict[str, Any]:
-    """The vectors by letter, and the entries of each matrix by row and column.
-
-    Entries that are not listed are always 0.
+    """The Jacobian as JSON data: the quantities of each vector by letter, and for each matrix the
+    (row, column) of its constant, parameter-dependent and computed entries. Entries that are not
+    listed are always 0.
     """
     found = interface.jacobian
     vectors = (found.states, found.inputs, found.outputs, found.parameters)

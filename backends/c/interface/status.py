@@ -19,7 +19,9 @@ from compiler.ir.program import Declared, Program, State
 
 
 class StatusBit(IntFlag):
-    """Status bits of step, reset and linearize; 0 means that no check failed."""
+    """Status bits of step, reset and linearize, explained in MEANING; 0 means that no check
+    failed.
+    """
 
     # deployed code relies on these values: new bits may be added, none may change
     OUT_OF_RANGE = 1
@@ -34,7 +36,7 @@ class StatusBit(IntFlag):
 
 
 class SelfTestBit(IntFlag):
-    """Status bits of the self-test; 0 means that it passed."""
+    """Status bits of the self-test, explained in MEANING; 0 means that it passed."""
 
     STEP_DIFFERS = 256
     KERNEL_DIFFERS = 512
@@ -70,7 +72,9 @@ MEANING: dict[StatusBit | SelfTestBit, str] = {
 
 
 def status_macro(prefix: str, bit: StatusBit | SelfTestBit) -> str:
-    """The C macro of a status bit, such as `VEH_STATUS_CLAMPED`."""
+    """The name of the C macro of a bit, such as `VEH_STATUS_CLAMPED` or `VEH_SELFTEST_STEP_DIFFERS`
+    for prefix `veh`.
+    """
     assert bit.name is not None
     kind = "STATUS" if isinstance(bit, StatusBit) else "SELFTEST"
     return f"{prefix.upper()}_{kind}_{bit.name}"
@@ -83,7 +87,9 @@ def largest(dtype: Dtype) -> float:
 
 @dataclass(frozen=True, slots=True)
 class StateCheck:
-    """Checks that a state lies within its range, or is finite if it has no range."""
+    """A check of a state in the C code: sets `bit` if an element is NaN or outside `limits` (low,
+    high), which are the largest finite values for a state without range.
+    """
 
     memory: StateMemory
     limits: tuple[float, float]
@@ -96,7 +102,9 @@ class StateCheck:
         return memory.samples if isinstance(memory, PlainState) else memory.last_sample
 
     def part(self, value: NDArray[Any]) -> NDArray[Any]:
-        """The same elements of a NumPy value of the state; the last axis of a buffer is time."""
+        """The elements of a NumPy value of the state that the step checks: all, or the newest
+        sample of a buffer, whose last axis is time.
+        """
         return value if isinstance(self.memory, PlainState) else value[..., -1]
 
 
@@ -106,9 +114,10 @@ def state_checks(
     in_place: Mapping[str, InPlace],
     dtype: Dtype,
 ) -> tuple[StateCheck, ...]:
-    """Checks of all declared states, and of other states that could keep a NaN for ever.
-
-    A buffer or memory that does not depend on itself drops a NaN together with its samples.
+    """The checks of all declared states, and of other states that could keep a NaN for ever because
+    they depend on themselves. `memories` are the states in C, and `in_place` has those that C
+    stores as buffers, by name. Other buffers are unchecked: they drop a NaN together with its
+    sample.
     """
     found: list[StateCheck] = []
     for memory in memories:

@@ -21,7 +21,9 @@ RESERVED = "reserved"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StructField:
-    """A field of type real or uint32_t: a scalar, or an array flattened in C order."""
+    """A field of a C struct, of type real or (`unsigned`) uint32_t: a scalar if `shape` is empty,
+    otherwise an array of that shape flattened in C order.
+    """
 
     name: str | None
     """Name in the spec; None for fields that only the generated code uses."""
@@ -39,7 +41,7 @@ class StructField:
 
 @dataclass(frozen=True, slots=True)
 class Struct:
-    """A struct type `<prefix>_<name>_t`."""
+    """A C struct type `<prefix>_<name>_t` with its comment and fields."""
 
     name: str
     comment: str
@@ -47,7 +49,9 @@ class Struct:
 
 
 def structs(interface: Interface) -> tuple[Struct, ...]:
-    """All struct types that the header declares, in their order."""
+    """All struct types that the header declares, in its order: in, out, params (unless inlined),
+    init, state, and jacobian if requested.
+    """
     starts = [field for field, _ in interface.windows] + [f for f, _ in interface.supplied]
     # code that takes no pointer to parameters has no struct of them, whereas the other structs are
     # always declared, with a reserved field if they are empty
@@ -63,12 +67,16 @@ def structs(interface: Interface) -> tuple[Struct, ...]:
 
 
 def outputs_text(late: int) -> str:
-    """The comment of the struct of outputs, if the step returns them `late` samples later."""
+    """The comment of the struct of outputs. `late` is the number of samples by which they are older
+    than the inputs of their step.
+    """
     return f"Outputs of a step: those of sample t-{late}." if late else "Outputs of a step."
 
 
 def step_text(late: int) -> str:
-    """The comment of the step function, if outputs come `late` samples later."""
+    """The comment of the step function. `late` is the number of samples by which outputs are older
+    than the inputs of their step.
+    """
     if not late:
         return "Computes the outputs of sample t, then the states of sample t+1."
     following = f"t-{late - 1}" if late > 1 else "t"

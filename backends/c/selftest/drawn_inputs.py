@@ -24,7 +24,9 @@ _SPECIAL_EVERY = 5
 
 @dataclass(frozen=True, slots=True)
 class StartPoint:
-    """Where a run draws its initial states: in part `part` of `parts` equal parts of each range."""
+    """The part of the ranges in which a golden run draws its initial states: each range is split
+    into `parts` equal parts, and part number `part` is used.
+    """
 
     part: int = 0
     parts: int = 1
@@ -40,7 +42,9 @@ Outside = Literal["above", "below", "far above", "far below", "nan"]
 
 @dataclass(frozen=True, slots=True)
 class DrawnRecord:
-    """Measured samples around the first step, (rows, *shape) by name of signal."""
+    """Random samples around the first step of a golden run, as if measured: (rows, *shape) by name
+    of signal.
+    """
 
     log: dict[str, Array]
     t0: int
@@ -55,11 +59,11 @@ def drawn_record(
     *,
     invalid: int | None = None,
 ) -> DrawnRecord:
-    """Draws a record just long enough for the start graph.
-
-    With `invalid`, samples of signals whose policy is clamp or hold are replaced by invalid values:
-    all up to the oldest sample read, and half of the others. The kinds of invalid values take
-    turns, starting with the kind of index `invalid`.
+    """Draws samples of the signals that the start graph reads, just enough rows for it. `start` is
+    the part of the ranges, or the side outside of them, from which they are drawn. If `invalid` is
+    an index, samples of signals with policy clamp or hold are replaced by invalid values: all up to
+    the oldest sample that is read, and half of the others. The kinds of invalid values take turns,
+    from this index on.
     """
     # rounded to the code's type first: the value next to a threshold differs in float32
     knots = knots_of(program, dtype)
@@ -94,7 +98,9 @@ def drawn_record(
 
 
 def knots_of(program: Program, dtype: Dtype) -> Array:
-    """All finite constants of the step graph, sorted; thresholds of branches are among them."""
+    """All finite constants of the step graph, sorted, in the type of the code. Thresholds of
+    branches and knots of lookup tables are among them.
+    """
     numbers = {
         x for _, node in program.step if isinstance(node.op, Constant) for x in node.op.values
     }
@@ -110,10 +116,9 @@ def drawn_series(
     *,
     turn: int = 0,
 ) -> Array:
-    """Draws values of an input, (steps, *shape): within its range or [-1, 1], except invalid ones.
-
-    Some values lie at a knot or limit, some just below or slightly above one. Some rows repeat the
-    row before. The last row but one is 0 if 0 is in the range.
+    """Draws values of an input, (steps, *shape): within its range, or [-1, 1] without one, and some
+    invalid ones. Some values lie at a limit or one of `knots`, some just below or slightly above
+    it. Some rows repeat the row before. The last row but one is 0 if 0 is in the range.
 
     Invalid values depend on the policy of the input:
 
@@ -133,7 +138,7 @@ def drawn_series(
     rows = series.reshape(steps, -1)
 
     def put(at: Array, values: Array) -> None:
-        """Writes one value to a random element of each of these rows."""
+        """Writes one of `values` to a random element of each row in `at`, in turn."""
         rows[at, random.integers(rows.shape[1], size=len(at))] = np.resize(values, len(at))
 
     again = np.arange(_SPECIAL_EVERY - 1, steps, _SPECIAL_EVERY)
@@ -175,7 +180,9 @@ def drawn_series(
 def _within(
     limits: tuple[float, float], start: StartPoint | Outside, shift: int
 ) -> tuple[float, float]:
-    """The limits to draw a start between; `shift` gives signals of one run different parts."""
+    """The (low, high) between which a start is drawn: a part of `limits`, or one point outside of
+    them. Signals of one run use different parts, as `shift` is their number.
+    """
     low, high = limits
     if isinstance(start, StartPoint):
         width = (high - low) / start.parts
@@ -185,7 +192,9 @@ def _within(
 
 
 def outside(limits: tuple[float, float], where: Outside) -> float:
-    """A value outside these limits, or NaN."""
+    """A value on the side `where` of the finite `limits` (low, high), or NaN. The far ones are as
+    far from a limit as the range is wide.
+    """
     low, high = limits
     match where:
         case "above":
@@ -203,7 +212,9 @@ def outside(limits: tuple[float, float], where: Outside) -> float:
 
 
 def _little(width: float, limit: float) -> float:
-    """A distance just large enough to detect a slightly wrong limit."""
+    """A distance from `limit` just large enough to detect a slightly wrong limit in the code.
+    `width` is that of the range.
+    """
     return max(width * _BESIDE, abs(limit) * _ROUNDING)
 
 
@@ -216,7 +227,9 @@ the rounding of float32. `_FAR` is far outside, `_NEAR` slightly above a knot.
 
 
 def drawable(range: tuple[float, float] | None) -> tuple[float, float]:
-    """Finite limits to draw between; an infinite limit is replaced by one 2 away from the other."""
+    """Finite (low, high) to draw values between: the range itself, [-1, 1] without one, and for one
+    infinite limit a range of width 2.
+    """
     if range is None:
         return -1.0, 1.0
     low, high = range
@@ -226,7 +239,9 @@ def drawable(range: tuple[float, float] | None) -> tuple[float, float]:
 
 
 def _invalid(signal: Signal, dtype: DTypeLike) -> list[float]:
-    """One value of each finite invalid kind: just outside and far outside each finite limit."""
+    """Finite invalid values of a signal: the next value beyond each finite limit, and one far
+    beyond each.
+    """
     far: list[float] = []
     if signal.range is not None:
         low, high = signal.range
@@ -243,7 +258,9 @@ _NO_NUMBERS = (math.nan, math.inf, -math.inf)
 
 
 def beside(range: tuple[float, float] | None, dtype: DTypeLike) -> list[float]:
-    """The next value above the range and the next below it, for each finite limit."""
+    """The next value of this type above the range and the next one below it; a side without finite
+    limit has none.
+    """
     ends = ((range[1], math.inf), (range[0], -math.inf)) if range is not None else ()
     numbers = np.array([pair for pair in ends if math.isfinite(pair[0])], dtype).reshape(-1, 2)
     return [float(x) for x in np.nextafter(numbers[:, 0], numbers[:, 1])]
@@ -260,11 +277,11 @@ Limits = tuple[float, float]
 def drawn_starts(
     program: Program, random: np.random.Generator, dtype: Dtype, unroll: int
 ) -> Iterator[DrawnRecord]:
-    """Records around t0: one at all lower limits, one at all upper limits, then one sample outside.
-
-    In signals of up to `unroll` elements each element is invalid once in every way, because
-    generated C has a statement for each. In larger signals, which C checks in a loop, only the
-    first, last and middle element take turns.
+    """Samples around t0 that test the range checks of `reset`: first one record at all lower
+    limits, one at all upper limits, then records with exactly one invalid sample. In signals of up
+    to `unroll` elements each element is invalid once in every way, because generated C has a
+    statement for each. In larger signals, which C checks in a loop, only the first, last and middle
+    element take turns.
     """
     ranges = {state.name: state.range for state in program.states}
     reads = extents(program.start, log=True)
@@ -293,14 +310,16 @@ def drawn_starts(
 
 
 def _common(limits: list[Limits]) -> Limits:
-    """Finite limits of the intersection of these ranges."""
+    """Finite limits (low, high) of the intersection of these ranges, to draw between."""
     low = max((low for low, _ in limits), default=-math.inf)
     high = min((high for _, high in limits), default=math.inf)
     return drawable((low, high))
 
 
 def _invalid_in_window(limits: list[Limits], dtype: Dtype) -> list[float]:
-    """Values that a check must reject: next to each limit, NaN, and ±inf if a side has no limit."""
+    """Values that a check of these ranges must reject: the next value beyond each limit, NaN, and
+    ±∞ if one side has no limit.
+    """
     found = [value for known in limits for value in beside(known, dtype)]
     bounded = all(any(math.isfinite(known[end]) for known in limits) for end in (0, 1))
     return [*found, math.nan, *(() if bounded else (math.inf, -math.inf))]

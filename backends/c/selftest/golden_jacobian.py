@@ -1,4 +1,6 @@
-"""Writes golden Jacobians, and the vectors of states and outputs, as C that compares them."""
+"""Writes C that compares the Jacobian, and vectors of states, inputs and outputs, with golden
+values.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,10 @@ from compiler.jacobian.matrices import Vector
 def slopes_function(
     interface: Interface, jacobian: JacobianInterface, runs: Sequence[GoldenVectors]
 ) -> c.Function:
-    """`<prefix>_slopes_differ(status, jac, step)`: true if the results of linearize are wrong.
-
-    Exact results are compared by a hash of all entries. Otherwise entries are compared by value;
-    for large Jacobians only those of every n-th step.
+    """The C function `<prefix>_slopes_differ(status, jac, step)`: true if the status or the
+    matrices of linearize at this golden step are wrong. If results must be exact, a hash of all
+    entries is compared. Otherwise entries are compared by value; for large Jacobians only those of
+    every n-th step.
     """
     golden, prefix = joined(runs), interface.prefix
     scope = BlockScope(LocalNames(prefix))
@@ -90,7 +92,9 @@ def _compare_numbers(
 
 
 def _infinite(jacobian: JacobianInterface, slopes: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-    """For every step, the status bit that linearize sets for an infinite entry, else 0."""
+    """For every golden step (steps,), the status bit that linearize sets if an entry is infinite or
+    NaN, else 0. `slopes` are the matrices (steps, rows, columns) by name.
+    """
     found: NDArray[Any] = np.zeros(len(next(iter(slopes.values()), ())), bool)
     for field in jacobian.fields:
         entries = slopes[field.matrix.name].reshape(len(found), -1)
@@ -111,7 +115,9 @@ microcontrollers."""
 
 
 def _distance(jacobian: JacobianInterface, steps: int) -> int:
-    """Number of steps between two steps whose entries are compared by value."""
+    """The entries of every n-th golden step are compared by value; returns n. It is 1 unless the
+    tables of all steps would have more than `_MOST_NUMBERS` elements.
+    """
     computed = sum(field.matrix.known.count(None) for field in jacobian.fields)
     return max(1, -(-computed * steps // _MOST_NUMBERS))
 
@@ -119,7 +125,9 @@ def _distance(jacobian: JacobianInterface, steps: int) -> int:
 def _compare(
     interface: Interface, field: MatrixField, golden: NDArray[Any], scope: BlockScope
 ) -> None:
-    """Compares all entries in a loop: computed ones with a table row, others with constants."""
+    """Writes a loop that compares all entries of a matrix: computed ones with a row of a table of
+    the values `golden` (steps, rows, columns), the others with their constants.
+    """
     matrix, name = field.matrix, field.identifier
     steps = len(golden)
     computed = [i for i, known in enumerate(matrix.known) if known is None]
@@ -169,9 +177,9 @@ def helper_functions(
     golden: GoldenVectors,
     weights: Mapping[str, Array],
 ) -> tuple[c.Function, ...]:
-    """C functions such as `<prefix>_x_differs(v)` that compare a vector with its golden values.
-
-    The golden values are those of the first golden step and, for parameters, the trained ones.
+    """C functions such as `<prefix>_x_differs(v)`, one for each vector of the Jacobian: true if v
+    differs from its golden values. These are those of the first golden step, for x the states after
+    it, and for p the weights.
     """
     first = {
         "x": golden.states,
@@ -196,10 +204,8 @@ def helper_functions(
 
 def resumed_step(interface: Interface, golden: GoldenVectors) -> int | None:
     """The index of the first golden step at which a run can be resumed from its state alone; None
-    if none.
-
-    It is after step 0, and all inputs with the policy `hold` are valid in it, so that no earlier
-    input counts.
+    if there is none. It is after step 0, and all inputs with policy `hold` are valid in it, so that
+    no earlier input has an influence.
     """
     # not the first: golden vectors have states after steps, and it goes on from none of these
     for step in range(1, len(golden.status)):
@@ -214,7 +220,9 @@ def _valid(name: str, golden: GoldenVectors, step: int) -> bool:
 
 
 def _numbers(vector: Vector, values: Mapping[str, Array], interface: Interface) -> Array:
-    """The values of the first row, in the order of the vector."""
+    """The elements of a vector of the Jacobian, taken from the first row of `values` (rows, *shape)
+    by name, in the type of the code.
+    """
     parts = [values[member.name][0].ravel() for member in vector.members]
     return np.concatenate(parts).astype(interface.options.dtype)
 

@@ -1,4 +1,6 @@
-"""Writes golden steps as C functions that hold tables, run the step and compare its results."""
+"""Writes C functions with tables of golden values: they load arguments of a step and compare
+results.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,10 @@ _STEP, _START = "step", "start"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoldenTables:
-    """The values of all runs; steps are numbered across runs."""
+    """The golden values of all runs, from which C functions with tables are written. Rows of
+    inputs, outputs and status are steps, numbered across runs; `number` is the C type of values.
+    `start_status` and `status` are the expected status bits of each start and step.
+    """
 
     prefix: str
     number: c.CType
@@ -46,11 +51,16 @@ class GoldenTables:
     def functions(
         self, differs: Callable[[c.Expression, c.Expression, Array], c.Expression]
     ) -> tuple[c.Function, ...]:
-        """`<prefix>_load_start(x0, start)`, `_start_differs(status, start)` and so on.
+        """The static C functions of the test program.
 
-        Also `_load_inputs(u, step)` and `_results_differ(status, y, step)`. `_load_state(s,
-        written)` exists if runs write states, and `_start_of(single)` if there are single steps.
-        `differs` compares an actual with an expected element of a column with these values.
+        - `<prefix>_load_start(x0, start)` and `_load_inputs(u, step)` fill a struct with golden
+          values.
+        - `_start_differs(status, start)` and `_results_differ(status, y, step)` compare with them.
+        - `_load_state(s, written)` exists if runs write states, `_start_of(single)` if there are
+          single steps.
+
+        `differs(actual, expected, values)` gives the C expression that compares an element of a
+        column with these golden values.
         """
         state = c.Argument("state", "s")
         written = (self._loader("state", state, self.written, "written"),) if self.written else ()
@@ -67,7 +77,10 @@ class GoldenTables:
     def _loader(
         self, name: str, struct: c.Argument, columns: Sequence[Column], row_name: str
     ) -> c.Function:
-        """A function that copies one row of the table `golden` into a struct."""
+        """The C function `<prefix>_load_<name>` that copies one row of a table of these columns
+        into a struct. `struct` is type and name of the struct argument, `row_name` the name of the
+        row argument.
+        """
         scope = BlockScope(LocalNames(self.prefix))
         if columns:
             scope.add(self._table(columns))
@@ -149,7 +162,7 @@ class GoldenTables:
         return scope.function(f"{prefix}_results_differ", "bool", arguments)
 
     def _table(self, columns: Sequence[Column]) -> c.ConstantTable:
-        """All fields of each step in one row; the rows follow each other."""
+        """A C table with one row per step or start; a row has all columns one after the other."""
         return c.ConstantTable("golden", numbers_of(columns), self.number, hexadecimal=True)
 
 
@@ -158,14 +171,16 @@ DIFFER: tuple[c.Statement, ...] = (c.Assign(c.Name("differ"), c.Truth(True)),)
 
 
 def numbers_of(columns: Sequence[Column]) -> tuple[float, ...]:
-    """All rows one after the other, each with its fields in order."""
+    """All values of the columns, row by row; within a row, field by field in C order."""
     # C order of each field, so that a row is the struct as the header declares it
     parts = [values.reshape(-1, field.size) for field, values in columns]
     return tuple(np.concatenate(parts, axis=1).ravel().tolist())
 
 
 def rows_of(table: str, fields: Iterable[Field], row: str) -> list[ArrayView]:
-    """The position of each field in a row of the table."""
+    """Views of the fields in a row of the C array `table`, whose rows have all fields one after the
+    other. `row` is the C variable with the number of the row.
+    """
     listed = list(fields)
     width = sum(field.size for field in listed)
     # row · width + place: one table for all fields, so that a step's numbers lie together

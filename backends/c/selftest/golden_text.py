@@ -24,9 +24,10 @@ def golden_functions(
     starts: Sequence[GoldenStart] = (),
     singles: GoldenSingles | None = None,
 ) -> tuple[c.Function, ...]:
-    """Prints `GoldenTables` as functions, after the function that compares two values.
-
-    The starts of the runs come first, then the starts that test only the status of `reset`.
+    """The C functions that load golden values and compare results with them (see
+    `GoldenTables.functions`), after the function that compares two values. `starts` test only the
+    status of `reset`; in tables they follow the starts of the runs. `singles` are independent
+    steps, None if there are none.
     """
     prefix = interface.prefix
     golden = joined([*runs, singles.vectors] if singles else runs)
@@ -67,7 +68,10 @@ def golden_functions(
 
 
 def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -> c.Function:
-    """`<prefix>_tune(numbers, single)` sets the changed parameters of a single step."""
+    """The C function `<prefix>_tune(numbers, single)`: writes the changed parameters of a single
+    step into the array `numbers` of all parameters. `tuned` has, for each single step, new values
+    by index.
+    """
     scope = BlockScope(LocalNames(interface.prefix))
     for name in ("numbers", "single"):
         scope.reserve(name)
@@ -88,7 +92,9 @@ def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -
 
 
 def differs_function(prefix: str) -> c.Function:
-    """Writes the comparison with an expected value; NaN equals NaN, infinities must match."""
+    """The C function `<prefix>_differs(x, expected, tolerance)`: true if |x − expected| >
+    tolerance. NaN equals NaN, and an infinity equals the same infinity.
+    """
     x, expected, tolerance = c.Name("x"), c.Name("expected"), c.Name("tolerance")
     near = c.Binary(
         "&&",
@@ -114,10 +120,10 @@ def differs_function(prefix: str) -> c.Function:
 
 
 def tolerance(interface: Interface, values: Array) -> float:
-    """The tolerance of comparisons; 0 if the interpreter uses the same kernels and precision.
-
-    In float64 the interpreter calls numpy's functions and the C code another library. Their last
-    digits differ, and the difference grows over a run.
+    """The absolute tolerance of comparisons with these golden values: 0 if C must give the same
+    bits as the interpreter, otherwise relative to the largest value (at least 1). In float64 the
+    interpreter calls numpy's functions and the C code another library. Their last digits differ,
+    and the difference grows over a run.
     """
     options = interface.options
     if options.is_exact:
@@ -130,7 +136,9 @@ def tolerance(interface: Interface, values: Array) -> float:
 def kernels_function(
     prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
 ) -> c.Function:
-    """Writes the exact test of kernels: a table of arguments and results for each kernel."""
+    """The C function `<prefix>_kernels_differ()`: true if a math kernel gives other bits than
+    expected. `cases` are (arguments, result) pairs by name of kernel.
+    """
 
     def reciprocal(x: c.Expression) -> c.Expression:
         return c.Binary("/", c.Real(1.0), x)
@@ -161,10 +169,10 @@ _STATE, _STEP, _HASH = "s", "golden_step", "hash"
 
 
 def state_function(interface: Interface, singles: GoldenSingles, first: int) -> c.Function:
-    """`<prefix>_state_differs(s, golden_step)`: true if the states after a single step are wrong.
-
-    In a golden run, later steps reveal wrong states. A single step has no later step, so its states
-    are compared directly; single steps start at index `first`.
+    """The C function `<prefix>_state_differs(s, golden_step)`: true if the states after a single
+    step are wrong. In a golden run, later steps reveal wrong states. A single step has no later
+    step, so its states are compared by a hash. `first` is the number of the first single step,
+    after those of the runs.
     """
     prefix, fields = interface.prefix, state_fields(interface)
     scope = BlockScope(LocalNames(prefix))
@@ -194,10 +202,9 @@ word. Without it the top bit affects no other bit, so that two changed signs wou
 
 
 def checksums(matrices: Mapping[str, NDArray[Any]]) -> list[int]:
-    """Mixed FNV-1a of the words of all matrices (steps, …) in float32, for each step.
-
-    Entries are in the order of the struct. All NaN are equal, as are both zeros: C omits terms that
-    are 0, which affects the sign of zero sums.
+    """A hash for each step: mixed FNV-1a of the float32 words of all matrices (steps, …), in the
+    order of the struct. All NaN are equal, as are both zeros: C omits terms that are 0, which
+    affects the sign of zero sums.
     """
     steps = len(next(iter(matrices.values())))
     parts = [matrix.reshape(steps, -1) for matrix in matrices.values()]

@@ -66,7 +66,9 @@ class GoldenStart:
 def golden_start(
     interface: Interface, interpreter: Interpreter, record: DrawnRecord
 ) -> GoldenStart:
-    """The arguments of `reset` from recorded samples, and the reference interpreter's result."""
+    """The arguments of `reset` for the samples in `record`, and the states and status that the
+    reference interpreter expects from it.
+    """
     windows: dict[str, Array] = {}
     log, bits = dict(record.log), StatusBit(0)
     for field, port in interface.windows:
@@ -89,7 +91,9 @@ def golden_start(
 def golden_starts(
     program: Program, interface: Interface, weights: Mapping[str, Array], seed: int
 ) -> list[GoldenStart]:
-    """Starts that test each range check of `reset` by its status."""
+    """Starts that test the range checks of `reset` by the status it returns, one check each.
+    `weights` are physical arrays by name; `seed` is that of the random samples.
+    """
     options = interface.options
     random = np.random.Generator(np.random.Philox(seed))
     interpreter = Interpreter(program, weights, options.dtype)
@@ -99,30 +103,33 @@ def golden_starts(
 
 @dataclass(frozen=True, slots=True)
 class WrittenNumber:
-    """A value of one element of a state before the first step."""
+    """A value that a golden run writes into one element (index in C order) of a state before the
+    first step.
+    """
 
     state: str
     element: int
     value: float
 
     def into(self, states: Mapping[str, Array]) -> dict[str, Array]:
-        """The states, (1, *shape) each, with this value inserted."""
+        """A copy of the states (1, *shape) by name in which the element has this value."""
         changed = states[self.state].copy()
         changed.reshape(-1)[self.element] = self.value
         return {**states, self.state: changed}
 
 
 def written_states(interface: Interface) -> list[WrittenNumber]:
-    """Written values that each trigger exactly one check of a step's states.
-
-    A state with a constant start may need many steps to reach its limit, and one without a range is
-    infinite only after an error.
+    """Values to write into states before a step, each of which should trigger one check of the
+    states. They are needed where a start cannot reach a limit: a state with a constant start may
+    need many steps, and one without a range is infinite only after an error.
     """
     return [written for check in interface.checks for written in _of(check, interface)]
 
 
 def state_fields(interface: Interface) -> list[Field]:
-    """The fields of the state struct that have the shape of their states."""
+    """The fields of the state struct with plain states, which have the shape of the spec; buffers
+    are left out.
+    """
     return [
         Field(
             name=memory.state.name,
@@ -152,7 +159,9 @@ def _of(check: StateCheck, interface: Interface) -> Iterator[WrittenNumber]:
 
 
 def _sides(check: StateCheck) -> list[float]:
-    """Up to two finite values outside the limits; infinity for a check of finiteness only."""
+    """Values outside the limits of a check: one just above and one far below, if finite. For a
+    check that a state is finite, only ∞.
+    """
     if check.bit == StatusBit.STATE_NOT_FINITE:
         return [math.inf]
     found = [outside(check.limits, end) for end in ("above", "far below")]
@@ -166,7 +175,9 @@ _OF_ACTIVE_SETS = "active {}"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoldenVectors:
-    """Values by name in the spec, in the type of the generated code; series are (steps, *shape)."""
+    """One golden run: its data and expected results by name in the spec, in the type of the
+    generated code. Series are (steps, *shape).
+    """
 
     start: GoldenStart
     """The start before the first step."""
@@ -189,7 +200,9 @@ class GoldenVectors:
 
 @dataclass(frozen=True, slots=True)
 class GoldenRun:
-    """The beginning of a golden run."""
+    """The choices from which a golden run is drawn: random seed, start, and invalid or written
+    values.
+    """
 
     seed: int
     start: StartPoint | Outside | None = _ANYWHERE
@@ -210,9 +223,9 @@ def golden_runs(
     steps: int,
     runs: Sequence[GoldenRun],
 ) -> list[GoldenVectors]:
-    """`steps` steps of each run; one step of all runs is computed at once.
-
-    The generator is counter-based (Philox), so a seed gives the same values on every machine.
+    """Draws and computes `steps` steps of each of these runs, with weights (physical arrays by
+    name). All runs are computed as one batch. The random generator is counter-based (Philox), so a
+    seed gives the same values on every machine.
     """
     dtype = interface.options.dtype
     knots = knots_of(program, dtype)
@@ -250,7 +263,9 @@ def golden_runs(
     following: list[Mapping[str, Array]] = []
 
     def bits_of(answers: Mapping[str, Array], next: Mapping[str, Array]) -> StatusBit:
-        """The status bits for equations and states out of range in any run."""
+        """The status bits of equations and states out of range in at least one of the runs.
+        `answers` are the outputs, `next` the next states.
+        """
         bits = equation_bits(program, answers, dtype) | saturation_bits(program, answers)
         return bits | next_state_bits(interface, next)
 
@@ -313,9 +328,8 @@ def golden_runs(
 
 
 def _first_states(interface: Interface, run: GoldenRun, begin: GoldenStart) -> dict[str, Array]:
-    """The states before the first step, (1, *shape).
-
-    After `init`, states that need a recording are 0.
+    """The states (1, *shape) by name before the first step of a run: those after `reset` with the
+    written value, or those after `init`, where states that need a recording are 0.
     """
     if run.start is None and interface.from_record:
         return emptied(interface, begin.states)
@@ -330,9 +344,8 @@ def _written(interface: Interface, run: GoldenRun, first: Mapping[str, Array]) -
 def _seen(
     interface: Interface, inputs: Sequence[Mapping[str, Array]], steps: int
 ) -> tuple[dict[str, Array], list[list[StatusBit]]]:
-    """The inputs of all runs after the policies, and the status of each run and step.
-
-    Inputs are (runs, steps, *shape).
+    """The inputs (runs, steps, *shape) by name after the policies, and the status bits of each run
+    and step. `inputs` has, for each run, the raw inputs (steps, *shape).
     """
     dtype = interface.options.dtype
     bits = [[StatusBit(0)] * steps for _ in inputs]
@@ -352,7 +365,9 @@ def _seen(
 
 
 def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
-    """The steps of all runs one after the other, with the start of the first run."""
+    """One series with the steps of all runs one after the other; start and written states are those
+    of the first run.
+    """
     return replace(
         runs[0],
         inputs=_one_after_the_other([run.inputs for run in runs]),

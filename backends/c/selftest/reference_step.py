@@ -1,4 +1,6 @@
-"""Computes in NumPy what generated C does beside its graphs: policies, checks, first states."""
+"""Computes in NumPy the parts of generated C that are in no graph: policies, checks, first
+states.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ Array = NDArray[Any]
 
 
 def emptied(interface: Interface, states: Mapping[str, Array]) -> dict[str, Array]:
-    """States after `init`; those that only recorded samples could initialise are 0."""
+    """The states after `init`, by name: a copy of `states` in which those that need recorded
+    samples are 0.
+    """
     return {
         name: np.zeros_like(value) if name in interface.from_record else value
         for name, value in states.items()
@@ -35,10 +39,9 @@ def filled_by_first(
     log: tuple[dict[str, Array], NDArray[np.int64]],
     rows: Sequence[int],
 ) -> dict[str, Array]:
-    """States after `init` in the given runs: the first step fills buffers with its newest sample.
-
-    The newest sample of a buffer may depend on other buffers, so that filling is repeated once per
-    buffer.
+    """The states (B, *shape) with buffers filled by the newest sample of the first step, for the
+    batch members `rows`, which begin with `init`. `log` is the log and the row of each member. The
+    newest sample of a buffer may depend on other buffers, so filling is repeated once per buffer.
     """
     filled = {name: value.copy() for name, value in states.items()}
     # a chain of buffers that read each other is at most as long as their count
@@ -53,9 +56,9 @@ def filled_by_first(
 def log_of_steps(
     interface: Interface, inputs: Mapping[str, Array], count: int
 ) -> tuple[dict[str, Array], NDArray[np.int64]]:
-    """A log, and for each of `count` steps the row at which it reads exactly its inputs.
-
-    Inputs are (steps, *shape), with the samples of a preview along their last axis.
+    """A log (rows, *shape) by name that contains the inputs of `count` independent steps, and the
+    row (count,) at which each step reads its own. `inputs` are (count, *shape), with the samples of
+    a preview along their last axis.
     """
     ports = {input.field.name: input.port for input in interface.inputs}
     row = max([0, *(-port.first for port in ports.values())])
@@ -74,9 +77,9 @@ def log_of_steps(
 def apply_policy(
     signal: Signal, values: Array, previous: Array, dtype: Dtype
 ) -> tuple[Array, StatusBit]:
-    """The values of an input after its policy, and the status bits that the policy sets.
-
-    `previous` are the values used in the previous step; all arrays have the type `dtype`.
+    """The values of an input after the policy of its signal, and the status bits that the policy
+    sets. `previous` are the values used in the step before, for policy `hold`; all arrays have the
+    type `dtype`.
     """
     low, high, valid = _judged(signal, values, dtype)
     if signal.on_invalid == "trust" or bool(np.all(valid)):
@@ -98,9 +101,8 @@ def apply_policy(
 
 
 def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[Array, StatusBit]:
-    """The samples (time, *shape) of a window after the policy, and the status bits.
-
-    Each sample can fall back to the previous one.
+    """The samples `rows` (time, *shape) of an argument of `reset` after the policy, and the status
+    bits. Policy `hold` replaces an invalid sample by the one before.
     """
     checked, bits = rows.copy(), StatusBit(0)
     before = first_held(signal, rows.shape[1:], dtype)
@@ -111,20 +113,26 @@ def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[A
 
 
 def invalid_samples(signal: Signal, series: Array, dtype: Dtype) -> NDArray[np.bool_]:
-    """True for the samples (runs, steps, *shape) with an element outside the limits or NaN."""
+    """A mask (runs, steps): True for samples of `series` (runs, steps, *shape) that have an element
+    outside the limits of the signal or NaN.
+    """
     _, _, valid = _judged(signal, series, dtype)
     return ~np.asarray(valid.all(axis=tuple(range(2, series.ndim))))
 
 
 def _judged(signal: Signal, values: Array, dtype: Dtype) -> tuple[Any, Any, NDArray[np.bool_]]:
-    """The lower and upper limit, and the mask of elements within them."""
+    """The lower and upper limit of valid values of a signal, and the mask of the elements of
+    `values` within them.
+    """
     low, high = (np.dtype(dtype).type(limit) for limit in limits(signal, dtype))
     # false for NaN
     return low, high, (values >= low) & (values <= high)
 
 
 def first_held(signal: Signal, shape: tuple[int, ...], dtype: Dtype) -> Array:
-    """The value that `hold` uses before the first valid value."""
+    """An array of this shape with the value that policy `hold` uses before the first valid input:
+    the valid value nearest to 0.
+    """
     return np.full(shape, stand_in(signal, dtype), dtype)
 
 
@@ -133,7 +141,9 @@ _CHECKED = "checked {}"
 
 
 def with_checked(program: Program) -> Program:
-    """The program without losses, with the checked values as additional outputs."""
+    """The program without losses. Additional outputs have the values that generated C checks:
+    equations with a range, and saturated states before their limit.
+    """
     checked = [
         Output(_CHECKED.format(number), entry.node) for number, entry in enumerate(program.expected)
     ]
@@ -142,7 +152,9 @@ def with_checked(program: Program) -> Program:
 
 
 def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> StatusBit:
-    """The status bit of equations out of range; `values` are the outputs of `with_checked`."""
+    """The status bit that equations out of their range set, or 0. `values` are outputs of
+    `with_checked`.
+    """
     outside = [
         _is_outside(values[_CHECKED.format(number)], entry.range, dtype)
         for number, entry in enumerate(program.expected)
@@ -151,13 +163,17 @@ def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -
 
 
 def saturation_bits(program: Program, values: Mapping[str, Array]) -> StatusBit:
-    """The status bit of saturated states that keep their value because the next one is NaN."""
+    """The status bit that states with `on_range: saturate` set if their next value is NaN, or 0.
+    `values` are outputs of `with_checked`.
+    """
     unordered = [np.isnan(values[_CHECKED.format(name)]).any() for name in unsaturated(program)]
     return StatusBit.STATE_OUT_OF_RANGE if any(unordered) else StatusBit(0)
 
 
 def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> StatusBit:
-    """The status bits of the states set by `reset`, including all samples of buffers."""
+    """The status bits that `reset` returns for these initial states (1, *shape) by name. All
+    samples of buffers are checked.
+    """
     bits = StatusBit(0)
     for check in interface.checks:
         if _is_left(interface, check, states[check.memory.state.name]):
@@ -166,7 +182,9 @@ def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> Statu
 
 
 def next_state_bits(interface: Interface, states: Mapping[str, Array]) -> StatusBit:
-    """The status bits of the states after a step; of buffers only the newest sample is checked."""
+    """The status bits that a step returns for these next states (B, *shape) by name, of all batch
+    members together. Of buffers only the newest sample is checked.
+    """
     bits = StatusBit(0)
     for check in interface.checks:
         state = check.memory.state
@@ -179,7 +197,9 @@ def next_state_bits(interface: Interface, states: Mapping[str, Array]) -> Status
 def restarted(
     interface: Interface, states: Mapping[str, Array], first: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """The states with `on_range: reset` that are out of range, with their first values."""
+    """Initial values, by name, of the states with `on_range: reset` that are out of range in
+    `states`. `first` has the initial values of all states with `on_range: reset`.
+    """
     found: dict[str, Array] = {}
     for check in interface.checks:
         name = check.memory.state.name
@@ -193,7 +213,9 @@ def _is_left(interface: Interface, check: StateCheck, values: Array) -> bool:
 
 
 def _is_outside(values: Array, limits: tuple[float, float], dtype: Dtype) -> bool:
-    """True if an element is out of range or NaN; limits are rounded to the type of the values."""
+    """True if an element is NaN or outside the limits (low, high), which are first rounded to
+    `dtype`.
+    """
     # as the literals of the C are: what is just beyond a limit in float64 may equal it in float32
     low, high = (np.dtype(dtype).type(limit) for limit in limits)
     return not bool(np.all((values >= low) & (values <= high)))

@@ -1,4 +1,4 @@
-"""Writes the self-test for the target, and the test program for the host."""
+"""Writes the self-test, which runs on the microcontroller, and the test program for the PC."""
 
 from __future__ import annotations
 
@@ -79,7 +79,10 @@ _SELFTEST_SEED, _TEST_SEED, _STARTS_SEED, _SINGLES_SEED = 1, 2, 0, 5
 def selftest_text(
     program: Program, interface: Interface, weights: Weights, kernels: Collection[str]
 ) -> str:
-    """`src/<prefix>_selftest.c`: golden steps, kernels, and checks for compiler faults."""
+    """The text of `src/<prefix>_selftest.c`: it checks golden steps, math kernels, vectors, and
+    that the compiler keeps the arithmetic. `weights` are physical arrays by name, `kernels` the
+    names of the math kernels that the code calls.
+    """
     dtype, prefix = interface.options.dtype, interface.prefix
     printer = Printer(prefix, dtype, places_tables=True)
     begin = GoldenRun(_SELFTEST_SEED, opening=_SELFTEST_OPENING, invalid=0)
@@ -127,7 +130,10 @@ def selftest_text(
 
 
 def test_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """`test/<prefix>_sil.c`, the vectors that it replays, and the bits that it must reproduce."""
+    """The test program for the PC, path in the folder → text: `test/<prefix>_sil.c`, the golden
+    vectors that it runs, and the status and output bits that it must reproduce. `weights` are
+    physical arrays by name.
+    """
     prefix = interface.prefix
     runs = _golden_runs(program, interface, weights)
     starts = golden_starts(program, interface, weights, _STARTS_SEED)
@@ -181,9 +187,9 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 
 def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
-    """Runs from `reset`, some with a written state, then runs from `init`.
-
-    A written value may be infinite. If C omits the infinite term, the run is omitted.
+    """The runs of the test program with these weights (physical arrays by name): from `reset`, some
+    with a value written into a state, then from `init`. A run whose written value is an infinite
+    one that C may omit from a sum is left out.
     """
     begun: list[tuple[StartPoint | Outside | None, int, int | None, WrittenNumber | None]] = [
         # a seed of its own for each run: none repeats the inputs of another
@@ -202,14 +208,16 @@ def _golden_runs(program: Program, interface: Interface, weights: Weights) -> li
 
 
 def _letters(interface: Interface) -> list[str]:
-    """The letters of the vectors that have functions to copy structs into them."""
+    """The letters (x, u, y, p) of the vectors of the Jacobian for which C has copy functions; empty
+    without a Jacobian.
+    """
     if interface.jacobian is None:
         return []
     return [vector.letter for vector in interface.jacobian.vectors]
 
 
 def _moves_all(interface: Interface) -> bool:
-    """True if the state vector contains the whole state, including buffers."""
+    """True if the vector x of the Jacobian has all states, including buffers."""
     if "x" not in _letters(interface) or interface.jacobian is None:
         return False
     moved = {member.name for member in interface.jacobian.jacobian.states.members}
@@ -217,7 +225,7 @@ def _moves_all(interface: Interface) -> bool:
 
 
 def _compares(interface: Interface) -> bool:
-    """True if golden steps need the function that compares two values."""
+    """True if the comparison of golden steps calls the C function `<prefix>_differs`."""
     slopes = interface.jacobian is not None and not interface.options.is_exact
     return bool(interface.outputs) or slopes
 
@@ -242,9 +250,9 @@ def _golden(
 
 
 def expected_text(interface: Interface, runs: Sequence[GoldenVectors]) -> str:
-    """One line per step: the status, then each output's bits in hexadecimal digits, or `nan`.
-
-    If the Jacobian must be exact to the bit, its hash ends the line. An empty line separates runs.
+    """The text of the file of expected results. A line per step has the status, then the bits of
+    each output in hexadecimal digits, or `nan`. If the Jacobian must be exact, its hash ends the
+    line. An empty line separates runs.
     """
     # hashed together: one takes as long as all
     lines = _lines(interface, joined(runs))
@@ -284,8 +292,8 @@ _PLACES = (0.03, 0.37, 0.81)
 
 
 def kernel_cases(kernels: Iterable[str], dtype: Dtype) -> dict[str, list[Case]]:
-    """For each kernel, arguments on every branch and those sensitive to each constant, with
-    results.
+    """Test cases by name of kernel: (arguments, expected result) pairs. The arguments reach every
+    branch of the kernel, and some of them reveal a change of each constant in it.
     """
     real = "float" if dtype == "float32" else "double"
     cases: dict[str, list[Case]] = {}
@@ -302,7 +310,9 @@ def kernel_cases(kernels: Iterable[str], dtype: Dtype) -> dict[str, list[Case]]:
 
 
 def plain_points(kernel: str, real: RealName) -> list[tuple[float, ...]]:
-    """Arguments within the domain of a kernel and on every branch."""
+    """Argument tuples within the domain of a kernel, and one on every branch of its code. `real` is
+    the C type, `float` or `double`.
+    """
     domains = {row.kernel: row.domain for row in SCALAR_FUNCTIONS.values() if row.kernel}
     axes = [[low + (high - low) * place for place in _PLACES] for low, high in domains[kernel]]
     return [*product(*axes), *branch_cover(kernel, real)]

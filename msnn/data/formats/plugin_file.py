@@ -17,7 +17,7 @@ from msnn.errors.data.files import unreadable_file
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.errors.plugins import faulty_plugin, what_was_raised
 from spec_schema.fields.entry import LateObject
-from spec_schema.plugins import plugins_with
+from spec_schema.plugins import fault_of_refusal, plugins_with, prints_to_stderr
 from spec_schema.registry import FormatLine
 
 
@@ -54,9 +54,15 @@ class PluginReader:
         """The columns. Raises SpecError for a file or a plug-in with a mistake."""
         del dialect  # lays out text of our own formats
         try:
-            found: object = LateObject(self.module, self.function).value(path, shown)
-        except (SpecError, MemoryError):
+            with prints_to_stderr():
+                found: object = LateObject(self.module, self.function).value(path, shown)
+        except MemoryError:
             raise
+        except SpecError as error:
+            reason = fault_of_refusal(error)
+            if reason is None:
+                raise
+            raise SpecError((self.fault(shown, reason),)) from error
         # a plug-in may fail in any way
         except (Exception, SystemExit) as error:
             if isinstance(error, OSError) and error.filename == str(path):
@@ -90,13 +96,27 @@ class PluginReader:
             if not _is_by_name(mapping, kind):
                 raise fault("returned columns or units that are no mapping by names of columns")
         try:
-            values = {name: np.asarray(column) for name, column in found.values.items()}
+            values = {name: _array(column) for name, column in found.values.items()}
         except (TypeError, ValueError) as error:
             raise fault(f"returned a column that is no array: {error}") from error
         lengths = {f"`{name}` has {_rows(array)}" for name, array in values.items()}
         if len({_rows(array) for array in values.values()}) > 1:
             raise fault(f"returned columns of unequal lengths: {', '.join(sorted(lengths)[:4])}")
         return replace(found, values=values)
+
+
+def _array(column: ArrayLike) -> NDArray[Any]:
+    """The column as an array, with NaN or NaT for cells that a mask leaves out."""
+    if not isinstance(column, np.ma.MaskedArray):
+        return np.asarray(column)
+    cells = cast("np.ma.MaskedArray[Any, Any]", column)
+    if not np.ma.is_masked(cells):
+        return np.asarray(cells.data)
+    values = np.array(cells.data, dtype=float if cells.dtype.kind in "biu" else None)
+    if values.dtype.kind not in "fmM":
+        raise ValueError(f"masked cells of {values.dtype} have no missing value")
+    values[np.ma.getmaskarray(cells)] = np.nan if values.dtype.kind == "f" else "NaT"
+    return values
 
 
 def _is_by_name(mapping: object, kind: type) -> bool:

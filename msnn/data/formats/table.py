@@ -50,6 +50,10 @@ class WantedColumns:
     """Columns that the file may lack."""
     moments: frozenset[ColumnKey] = frozenset()
     """Time columns, which may contain dates instead of numbers."""
+    missing: Mapping[ColumnKey, frozenset[str]] = field(
+        default_factory=dict[ColumnKey, frozenset[str]]
+    )
+    """Lower-case texts of cells that mean a missing value, besides those of every file."""
     time: TimeSource | None = None
     """The time source of a file with several clocks; None for the file's default."""
 
@@ -90,6 +94,8 @@ class Streams:
     """Units that the file states for columns."""
     time_units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
     """Units of times taken from channels, if the file states them; other times are in seconds."""
+    packed: Mapping[ColumnKey, str] = field(default_factory=dict[ColumnKey, str])
+    """Scaling that was applied when columns were unpacked, for messages."""
     begins: Moment | None = None
     """The date of time 0, if the file stores it."""
     warnings: tuple[Diagnostic, ...] = ()

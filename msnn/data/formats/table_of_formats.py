@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msnn.errors.failures import MissingExtraError
+from compiler.ir.program import UsedPlugin
+from msnn.errors.failures import MissingExtraError, MissingPluginError
 from msnn.packages import (
     ASAMMDF,
     H5PY,
@@ -20,8 +21,9 @@ from msnn.packages import (
     OptionalPackage,
 )
 from spec_schema import registry
+from spec_schema.errors.plugins import other_version
 from spec_schema.late_dataclass import dataclass
-from spec_schema.plugins import look_up
+from spec_schema.plugins import look_up, plugins_with
 
 if TYPE_CHECKING:
     from msnn.data.formats.plugin_file import PluginReader
@@ -148,6 +150,8 @@ FORMATS = (
     ),
 )
 SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.suffixes)
+_PLAIN_TEXT = (".asc", ".data", ".dlm", ".log", ".out", ".prn", ".tab", ".text")
+"""Further suffixes of text files; a plug-in may read them."""
 
 
 def format_of(path: Path | str) -> FileFormat:
@@ -158,11 +162,69 @@ def format_of(path: Path | str) -> FileFormat:
 
 
 def warnings_of_plugins(path: Path | str) -> tuple[Diagnostic, ...]:
-    """Warnings about omitted plug-ins, if no installed format has the suffix of the file."""
+    """Warnings about omitted plug-ins that concern the suffix of the file.
+
+    All of them if no format has the suffix; those about this suffix if another plug-in has it.
+    """
     suffix = Path(path).suffix.lower()
-    if suffix in ("", *SUFFIXES) or _format_of_plugin(suffix) is not None:
+    if suffix in ("", *SUFFIXES):
         return ()
-    return look_up().warnings
+    plugins = look_up()
+    return plugins.refused.get(("format", suffix), ()) if _has_plugin(suffix) else plugins.warnings
+
+
+def unread_suffix(path: Path | str) -> str | None:
+    """The suffix of a file that is taken as text because no format and no plug-in has it.
+
+    None for suffixes that text files commonly have.
+    """
+    suffix = Path(path).suffix.lower()
+    is_known = suffix in ("", *SUFFIXES, *_PLAIN_TEXT) or _has_plugin(suffix)
+    return None if is_known else suffix
+
+
+def format_plugins(paths: Iterable[Path | str]) -> dict[str, UsedPlugin]:
+    """The plug-ins that read these files, by suffix."""
+    suffixes = sorted({Path(path).suffix.lower() for path in paths} - {"", *SUFFIXES})
+    if suffixes:
+        look_up()
+    return {
+        suffix: UsedPlugin(plugin.package, plugin.version)
+        for suffix in suffixes
+        for plugin in plugins_with([("format", suffix)])
+    }
+
+
+def require_formats(
+    paths: Iterable[Path | str], recorded: Mapping[str, UsedPlugin | None]
+) -> Iterator[Diagnostic]:
+    """Warnings (W0956) about files that another version of a plug-in reads than in a run.
+
+    `recorded` has the plug-in for each suffix of the run's data, None for our own formats. Raises
+    MissingPluginError if a plug-in of the run is not installed, or does not read these files.
+    """
+    by_suffix = {Path(path).suffix.lower(): str(path) for path in paths}
+    now = format_plugins(by_suffix.values())
+    for suffix in by_suffix.keys() & recorded.keys():
+        then, installed = recorded[suffix], now.get(suffix)
+        if then == installed:
+            continue
+        if then is not None and (installed is None or installed.package != then.package):
+            plugins = look_up()
+            version = next((p.version for p in plugins.found if p.package == then.package), None)
+            reason = plugins.failed.get(then.package, "")
+            if version is not None:
+                reason = f"the installed version {version} does not read `{suffix}` files"
+            raise MissingPluginError(then.package, then.version, by_suffix[suffix], reason)
+        assert installed is not None
+        version = None if then is None else then.version
+        what = f"the `{suffix}` files of the run were read"
+        yield other_version(what, installed.package, version, installed.version)
+
+
+def _has_plugin(suffix: str) -> bool:
+    look_up()
+    return suffix in registry.FORMATS
 
 
 def _format_of_plugin(suffix: str) -> FileFormat | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from spec_schema.sections.spec import Spec
 from spec_schema.sections.training import Validation
 
 if TYPE_CHECKING:
-    from compiler.ir.program import Program
+    from compiler.ir.program import Program, UsedPlugin
     from msnn.data.dataset import Dataset
 
 
@@ -41,16 +41,24 @@ def set_of(files: Source, sets: dict[str, Source]) -> str | None:
     return next((name for name, source in sets.items() if _text(source) == wanted), None)
 
 
-def load_file_sets(program: Program, spec: Spec, folder: Path) -> dict[str, Dataset]:
+def load_file_sets(
+    program: Program,
+    spec: Spec,
+    folder: Path,
+    recorded: Mapping[str, UsedPlugin | None] | None = None,
+) -> dict[str, Dataset]:
     """The recordings of every set by its name, each as a separate dataset without a split.
 
-    Relative paths start in `folder`. Raises SpecError with the errors in the files of a set.
+    Relative paths start in `folder`; `recorded` is that of `load_data`. Raises SpecError with the
+    errors in the files of a set.
     """
     from msnn.data.reading.load import load_data
     from msnn.data.reading.row_filter import row_filters
 
     return {
-        name: load_data(program, section, folder, row_filters(_with_data(spec, section)))
+        name: load_data(
+            program, section, folder, row_filters(_with_data(spec, section)), recorded=recorded
+        )
         for name, section in file_sections(spec).items()
     }
 

@@ -216,6 +216,7 @@ def unused_keys(
         yield from _of_text(scope, _scope(scope, "csv", data, files))
         yield from _of_records(scope, _scope(scope, "records", data, files))
         yield from _of_times(scope, data, files, sample_time)
+        yield from _of_holes(scope, data, _scope(scope, "gap", data, files))
 
 
 def _scope(scope: Layout, key: str, data: Data, files: Sequence[DataFile]) -> list[DataFile]:
@@ -240,6 +241,13 @@ def _of_records(scope: Layout, files: Sequence[DataFile]) -> Iterator[Diagnostic
     if scope.records == "row_group" and files and not has_groups:
         reason = f"{files[0].shown} is a file of {files[0].format.name}, without row groups"
         yield unused_key("records: row_group", reason, scope.place.key)
+
+
+def _of_holes(scope: Layout, data: Data, files: Sequence[DataFile]) -> Iterator[Diagnostic]:
+    methods = {file.layout.resample or data.resample for file in files}
+    if scope.gap is not None and files and not methods & {"linear", "nearest"}:
+        reason = f"it bounds steps that `resample: linear` fills, and {files[0].shown} has none"
+        yield unused_key("gap", reason, scope.place.key)
 
 
 def unused_without_times(file: DataFile, data: Data) -> Iterator[Diagnostic]:

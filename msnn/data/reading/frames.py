@@ -31,7 +31,7 @@ from msnn.data.rollout_rows import measured_beside
 from msnn.errors.data.rows import other_sample_time, unusable_array
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.fields.leaf import KeyAndValueSpan
-from spec_schema.sections.data import Column, ColumnName, Data, Source
+from spec_schema.sections.data import Column, ColumnName, Data, Marks, Source
 
 
 @runtime_checkable
@@ -304,7 +304,9 @@ def with_whole_signals(
                 user = f"`{signal.name}`"
                 findings.report(unusable_array(own, arrays.file, user, reason))
                 continue
-        columns[signal.name] = _whole(own, shape, layout)
+        columns[signal.name] = _whole(
+            own, shape, layout, None if column is None else column.missing
+        )
         if shape:
             flat.add(own)
     time = layout.time
@@ -323,12 +325,12 @@ def _is_column(shape: tuple[int, ...]) -> bool:
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
 
 
-def _whole(name: str, shape: tuple[int, ...], layout: Source) -> Column:
+def _whole(name: str, shape: tuple[int, ...], layout: Source, missing: Marks | None) -> Column:
     """The columns of one array: `q[0]`, `q[1]`, …, or `q` itself for a scalar."""
     names = [f"{name}[{i}]" for i in range(math.prod(shape))] if shape else [name]
     # C order, as `Feed.series` puts columns together again
     parts = tuple(ColumnName(part, layout.place.value) for part in names)
-    return Column.model_construct(place=layout.place, column=parts)
+    return Column.model_construct(place=layout.place, column=parts, missing=missing)
 
 
 def _flattened(

@@ -10,10 +10,15 @@ import numpy as np
 
 from backends.files.disk_arrays import ArrayFile
 from backends.native.kernel_cache import cache_folder
-from compiler.ir.program import Program, Signal
+from compiler.ir.program import Program, Signal, UsedPlugin
 from msnn.data.dataset import BoolArray, Dataset, FileRows, FloatArray, Record
 from msnn.data.formats.table import ColumnKey, ColumnTable
-from msnn.data.formats.table_of_formats import require_reader, warnings_of_plugins
+from msnn.data.formats.table_of_formats import (
+    format_plugins,
+    require_formats,
+    require_reader,
+    warnings_of_plugins,
+)
 from msnn.data.reading.files import DataFile, find_files, unused_keys
 from msnn.data.reading.part import FilePart, KeptValues, part_of
 from msnn.data.reading.read_file import ReadFile, read_file
@@ -39,16 +44,17 @@ def load_data(
     whole: Program | None = None,
     *,
     as_recorded: bool = False,
+    recorded: Mapping[str, UsedPlugin | None] | None = None,
 ) -> Dataset:
     """The measured series of all signals of the program, divided into recordings and sets.
 
     Relative paths start in `folder`: the spec's folder, or `--data-root`. `filters` maps names of
     sources to row filters. `whole` is the complete model of which `program` is a part; signals that
     only `whole` predicts are read if a file has them. `as_recorded` joins files as for `resample:`,
-    but keeps their rows.
+    but keeps their rows. `recorded` are the plug-ins that read the data of a run, by suffix.
 
-    Raises SpecError with the errors of all files, and MissingExtraError if a required reader is not
-    installed.
+    Raises SpecError with the errors of all files, and MissingExtraError if a required reader or the
+    plug-in of a run is not installed.
     """
     findings = Findings()
     files = find_files(data, folder, findings)
@@ -56,8 +62,14 @@ def load_data(
         # check all formats before reading the first file: a missing package is reported immediately
         require_reader(file.path)
         findings.report(*warnings_of_plugins(file.path))
+    if recorded:
+        findings.report(*require_formats(_paths(files), recorded))
     findings.report(*unused_keys(data, files, program.sample_time))
     return joined_files(program, data, files, filters or {}, findings, whole, as_recorded)
+
+
+def _paths(files: Iterable[DataFile]) -> list[Path]:
+    return [file.path for file in files if file.arrays is None]
 
 
 def joined_files(
@@ -120,7 +132,8 @@ def joined_files(
     findings.raise_errors()
     # what is said of a column is said once, not of each file
     warnings = tuple(dict.fromkeys(findings.in_order))
-    return _joined(signals, parts, sets, rows, warnings, on_disk)
+    found = _joined(signals, parts, sets, rows, warnings, on_disk)
+    return replace(found, plugins=format_plugins(_paths(files)))
 
 
 def _is_outside(file: DataFile, own: Findings) -> bool:
@@ -326,7 +339,7 @@ def _joined(
         # an empty mapping of a program without signals is none either
         series=whole
         or {
-            signal.name: np.concatenate(
+            signal.name: _in_sequence(
                 [part.series[signal.name] for part in parts]
                 or [np.zeros((0, *(axis.size for axis in signal.axes)))]
             )
@@ -340,6 +353,11 @@ def _joined(
         warnings=warnings,
         measured=_measured(parts),
     )
+
+
+def _in_sequence(series: Sequence[FloatArray]) -> FloatArray:
+    """The rows of all arrays in one; a single array as it is, which may be large."""
+    return series[0] if len(series) == 1 else np.concatenate(series)
 
 
 def _measured(parts: Sequence[FilePart]) -> dict[str, BoolArray]:

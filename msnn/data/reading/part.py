@@ -122,8 +122,7 @@ def part_of(
     if not len(usable) and (missing is None or data.nan == "split"):
         # columns of which one ends before another begins
         place = recording.file.layout.place.key
-        what = "the common time of all columns"
-        findings.report(rows_not_there(what, recording.file.shown, recording.rows, place))
+        findings.report(rows_not_there(None, recording.file.shown, recording.rows, place))
     for values in series.values():
         values[~rows.covered] = np.nan
     # after the filter, which may read between measured values

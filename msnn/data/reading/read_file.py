@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import FloatArray, TimeUnit
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
+from msnn.data.formats.table_of_formats import unread_suffix
 from msnn.data.formats.text.csv_header import Dialect
-from msnn.data.formats.text.text_encoding import other_name
+from msnn.data.formats.text.text_encoding import other_name, refuse_other_formats
 from msnn.data.formats.written_units import CapitalUnit, StatedUnit
 from msnn.data.reading.columns import (
     Feed,
@@ -26,7 +31,7 @@ from msnn.data.reading.files import DataFile, unused_without_times
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.rollout_rows import compared_signals, measured_beside, signals_only_compared
 from msnn.errors.data import cells as data_units
-from msnn.errors.data.files import no_column_read
+from msnn.errors.data.files import no_column_read, no_reader, read_as_text
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data import SECOND, Csv, Data, TimeColumn
@@ -130,12 +135,13 @@ def read_file(
     column = file.layout.time or data.time
     read = _columns(file, data, column, found, more, mine)
     if read is not None:
+        read = _without_marked(read, _marks(file, data, (*found, *more)))
         mine.report(*read.warnings)
         if file.keeps_time and isinstance(read, ColumnTable) and read.time is None:
             mine.report(*unused_without_times(file, data))
         found = in_units_of_file(found, read.units, file.shown, mine)
         more = in_units_of_file(more, read.units, file.shown, mine)
-    if isinstance(read, ColumnTable):
+    if read is not None:
         report_scaled_twice((*found, *more), read.packed, mine)
     if isinstance(read, ColumnTable) and not read.columns and not mine.failed:
         mine.report(no_column_read(file.shown, program.name))
@@ -204,14 +210,80 @@ def _columns(
         optional -= {time.column.column}
         spare -= {time.column.column}
     try:
-        wanted = WantedColumns(users, optional, spare, moments, _time_source(file, time))
+        marks = _marks(file, data, (*found, *more))
+        texts = {
+            key: frozenset(mark.lower() for mark in own if isinstance(mark, str))
+            for key, own in marks.items()
+        }
+        source = _time_source(file, time)
+        wanted = WantedColumns(users, optional, spare, moments, texts, source)
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
-        return file.format.reader(file.path, file.shown, wanted, dialect)
+        read = file.format.reader(file.path, file.shown, wanted, dialect)
     except SpecError as error:
-        findings.report(*(_with_name(fault, file) for fault in error.diagnostics))
+        faults = [_with_name(fault, file) for fault in error.diagnostics]
+        if file.arrays is None:
+            faults = taken_as_text(file.path, file.shown, faults)
+        findings.report(*faults)
         return None
+    if (suffix := unread_suffix(file.path)) is not None:
+        findings.report(read_as_text(suffix))
+    return read
+
+
+def taken_as_text(path: Path, shown: str, faults: Sequence[Diagnostic]) -> Sequence[Diagnostic]:
+    """The faults of a file; the first one says if the file was only taken as text (E0932)."""
+    suffix = unread_suffix(path)
+    # a file that cannot be opened may have any format, and a known one has a repair of its own
+    if suffix is None or not faults or not os.access(path, os.R_OK) or _is_identified(path):
+        return faults
+    return (no_reader(suffix, shown, faults[0]), *faults[1:])
+
+
+def _is_identified(path: Path) -> bool:
+    """True if the first bytes of a file are those of a format that its message names."""
+    try:
+        refuse_other_formats(path, path.name)
+    except SpecError as error:
+        # any archive may be a workbook
+        return all(fault.code != "E0826" for fault in error.diagnostics)
+    return False
+
+
+def _marks(file: DataFile, data: Data, found: Sequence[Feed]) -> dict[ColumnKey, set[float | str]]:
+    """The marks of missing values of each column: of its own entry, else of its set or of all.
+
+    A column of several signals has the marks of all their entries.
+    """
+    marks: dict[ColumnKey, set[float | str]] = {}
+    common = file.layout.missing or data.missing or ()
+    for feed in found:
+        own = common if feed.column is None else feed.column.missing or common
+        for key in feed.keys if own else ():
+            marks.setdefault(key, set()).update(mark.value for mark in own)
+    return marks
+
+
+def _without_marked(
+    read: ColumnTable | Streams, marks: Mapping[ColumnKey, set[float | str]]
+) -> ColumnTable | Streams:
+    """The columns with NaN instead of numbers that mark a missing value."""
+
+    def measured(key: ColumnKey, values: FloatArray) -> FloatArray:
+        numbers = [mark for mark in marks.get(key, ()) if not isinstance(mark, str)]
+        # a file of 32-bit numbers holds the nearest one
+        both = {*numbers, *(float(np.float32(mark)) for mark in numbers if abs(mark) < _FLOAT32)}
+        marked = np.isin(values, sorted(both))
+        return np.where(marked, np.nan, values) if both and marked.any() else values
+
+    if isinstance(read, Streams):
+        pairs = read.columns.items()
+        return replace(read, columns={key: (t, measured(key, v)) for key, (t, v) in pairs})
+    return replace(read, columns={key: measured(key, v) for key, v in read.columns.items()})
+
+
+_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:

@@ -10,7 +10,7 @@ import numpy as np
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.reading.files import DataFile
-from msnn.data.reading.read_file import ColumnUses, ReadFile
+from msnn.data.reading.read_file import ReadFile
 from msnn.data.reading.resample import Method, Samples, lost_values, resample
 from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows, time_bound
 from msnn.errors.data import rows as data_formats
@@ -81,6 +81,11 @@ def resampling(file: DataFile, data: Data) -> Method | None:
     """The method for resampling a file to the sample time; None without resampling."""
     how = file.layout.resample or data.resample
     return how if how in ("linear", "nearest") else None
+
+
+def longest_gap(file: DataFile, data: Data) -> float | Duration | None:
+    """The longest step that is no hole, as the spec says it for a file; None for the default."""
+    return file.layout.gap or data.gap
 
 
 def record_rows(
@@ -189,7 +194,7 @@ def _resampled(
         findings.report(_time_fault(fault, recording, data, sample_time, table))
         return None
     columns = {key: (moments, column[picked.rows]) for key, column in table.columns.items()}
-    found_rows = _on_grid(columns, picked, sample_time, method, None, recording.uses)
+    found_rows = _on_grid(columns, picked, sample_time, method, None, recording, data)
     assert found_rows.time is not None
     return replace(found_rows, rows=_rows_at(found_rows.time, moments, picked, sample_time))
 
@@ -214,12 +219,10 @@ def _streams(
             findings.report(fault)
             return None
     whole = RowRange(0, 0, 1)
-    rows = _on_grid(streams.columns, whole, sample_time, method, span, recording.uses)
+    rows = _on_grid(streams.columns, whole, sample_time, method, span, recording, data)
     if not len(rows.continues):
         place = file.layout.place.key
-        findings.report(
-            errors.rows_not_there("the common time of all columns", file.shown, 0, place)
-        )
+        findings.report(errors.rows_not_there(None, file.shown, 0, place))
         return None
     return rows
 
@@ -230,8 +233,10 @@ def _on_grid(
     sample_time: float,
     method: Method,
     span: tuple[float, float] | None,
-    uses: ColumnUses,
+    recording: ReadFile,
+    data: Data,
 ) -> RecordRows:
+    uses = recording.uses
     found = resample(
         columns,
         sample_time,
@@ -242,6 +247,7 @@ def _on_grid(
         compared=uses.compared,
         predicted=uses.counted,
         on_lines=uses.beside - uses.measured,
+        gap=longest_gap(recording.file, data),
     )
     count = len(found.time)
     none = np.zeros(count, dtype=np.bool_)

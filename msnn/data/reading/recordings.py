@@ -13,12 +13,13 @@ import numpy as np
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.reading.read_file import FileOrigin, ReadFile
-from msnn.data.reading.record_rows import resampling
+from msnn.data.reading.record_rows import longest_gap, resampling
 from msnn.data.reading.resample import longest_step
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.tree import Duration
 from spec_schema.sections.data import Data
 
 _TO = " … "
@@ -34,7 +35,8 @@ def recordings(
     joined.
     """
     clock = [_seconds_between(files[0], file) for file in files]
-    parts = [_Part.of(file, seconds) for file, seconds in zip(files, clock, strict=True)]
+    gap = longest_gap(files[0].file, data)
+    parts = [_Part.of(file, seconds, gap) for file, seconds in zip(files, clock, strict=True)]
     next_of: dict[int, int] = {}
     taken: set[int] = set()
     # by their beginnings: names of files are often in another order, as log_10 before log_2
@@ -44,7 +46,7 @@ def recordings(
             continue
         for at in range(bisect_right(in_time, (part.early_end, -1)), len(in_time)):
             begin, other = in_time[at]
-            if begin > part.end + part.longest + longest_step(np.zeros(0), sample_time):
+            if begin > part.end + part.longest + longest_step(np.zeros(0), sample_time, gap):
                 break
             if other == index or other in taken:
                 continue
@@ -78,11 +80,11 @@ class _Part:
     """The longest step of any column that is not a hole."""
 
     @classmethod
-    def of(cls, file: ReadFile, seconds: float) -> _Part:
+    def of(cls, file: ReadFile, seconds: float, gap: float | Duration | None) -> _Part:
         times = {key: time + seconds for key, time in (file.times or {}).items() if len(time)}
         ends = [float(time[-1]) for time in times.values()] or [math.nan]
         first = min((float(time[0]) for time in times.values()), default=math.nan)
-        longest = max((longest_step(time, 0.0) for time in times.values()), default=0.0)
+        longest = max((longest_step(time, 0.0, gap) for time in times.values()), default=0.0)
         return cls(file, times, first, max(ends), min(ends), longest)
 
 
@@ -108,7 +110,8 @@ def _follows(before: _Part, after: _Part, data: Data, sample_time: float) -> boo
         return all(abs(one - step) <= GAP_TOLERANCE * sample_time for one in steps.values())
     # a column may have a hole between the files, as it may in one
     return min(steps.values()) > 0 and any(
-        step <= longest_step(before.times[key], sample_time) for key, step in steps.items()
+        step <= longest_step(before.times[key], sample_time, longest_gap(before.file.file, data))
+        for key, step in steps.items()
     )
 
 

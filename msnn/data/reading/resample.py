@@ -11,13 +11,17 @@ import numpy as np
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey
 from msnn.data.reading.rows import GAP_TOLERANCE
+from spec_schema.expressions.tree import Duration
 
 Method = Literal["linear", "nearest"]
 Samples = tuple[FloatArray, FloatArray]
 """Times in seconds, and values; NaN if nothing was measured."""
 
-LONGEST_STEP = 2.0
-"""A step longer than this many sample times and this many usual steps is a hole."""
+LONGEST_STEP = 2.5
+"""By default, a step longer than this many sample times and this many usual steps is a hole.
+
+One lost row makes a step of two, which jitter lengthens.
+"""
 LOST_STEP = 1.5
 """Empty cells within a step longer than this many usual steps are missing values."""
 
@@ -54,6 +58,7 @@ def resample(
     compared: Collection[ColumnKey] = (),
     predicted: Collection[ColumnKey] = (),
     on_lines: Collection[ColumnKey] = (),
+    gap: float | Duration | None = None,
 ) -> Resampled:
     """Resamples columns (seconds, values) to a common grid with step `sample_time`.
 
@@ -62,7 +67,8 @@ def resample(
     points and does not shift the grid.
 
     `linear` interpolates linearly between the measured values of a column. `nearest` takes the
-    nearest value, and the earlier of two equally near ones. `span` limits the grid.
+    nearest value, and the earlier of two equally near ones. `span` limits the grid, `gap` is the
+    longest step that is no hole.
 
     Holes of columns that are only `scored` do not end an episode. Their measured values are
     assigned to the grid point within half a sample time. If no step between two values exceeds 1.5
@@ -124,7 +130,7 @@ def resample(
             own = (time[picked], values[picked])
             at_moments[key], offsets[key] = _as_measured(grid, marked, own, sample_time, method)
             # a line through a hole joins values that say nothing of what lies between
-            alone = _in_holes(grid, time, sample_time) | (grid < time[0]) | (grid > time[-1])
+            alone = _in_holes(grid, time, sample_time, gap) | (grid < time[0]) | (grid > time[-1])
             found[key][alone] = np.nan
             alone &= marked
             found[key][alone] = _at(grid[alone], time, values, "nearest")
@@ -137,7 +143,7 @@ def resample(
             else:
                 found[key], _ = _as_measured(grid, marked, (time, values), sample_time, method)
         elif key in hole_makers:
-            covered &= ~_in_holes(grid, deciding[key], sample_time)
+            covered &= ~_in_holes(grid, deciding[key], sample_time, gap)
             if key not in scored:
                 wanting = _in_lost(grid, columns[key], sample_time)
                 covered &= ~wanting
@@ -233,19 +239,28 @@ def _nearest(grid: FloatArray, time: FloatArray) -> IntArray:
     return np.where(later <= slack, before, after)
 
 
-def longest_step(time: FloatArray, sample_time: float) -> float:
-    """The longest step in seconds between values of a column that is not a hole."""
+def longest_step(
+    time: FloatArray, sample_time: float, gap: float | Duration | None = None
+) -> float:
+    """The longest step in seconds between values of a column that is not a hole.
+
+    `gap` is a multiple of the sample time and of the column's usual step, or a duration.
+    """
+    if isinstance(gap, Duration):
+        return max(gap.seconds, LOST_STEP * _usual_step(time)) * (1 + _SLACK)
     # a slow column has no holes between all of its rows
     # printed times of equal steps differ in their last digits
-    return LONGEST_STEP * max(sample_time, _usual_step(time)) * (1 + _SLACK)
+    return (gap or LONGEST_STEP) * max(sample_time, _usual_step(time)) * (1 + _SLACK)
 
 
 def _usual_step(time: FloatArray) -> float:
     return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
-def _in_holes(grid: FloatArray, time: FloatArray, sample_time: float) -> BoolArray:
-    longest = longest_step(time, sample_time)
+def _in_holes(
+    grid: FloatArray, time: FloatArray, sample_time: float, gap: float | Duration | None
+) -> BoolArray:
+    longest = longest_step(time, sample_time, gap)
     return _inside(grid, time, np.diff(time) > longest, sample_time)
 
 

@@ -81,8 +81,18 @@ def picked_rows(
         # time rises: the rows before the bound are as many as are earlier
         bounds[index] = int(np.sum(later))
         if not later[: bounds[index]].all():  # of a clock that was set back, they are no range
+            row, step, more = _disorder(time)
+            is_local = begins is not None and not begins.has_zone
             findings.report(
-                errors.time_not_increasing(file, *_disorder(time), None, is_picked=True)
+                errors.time_not_increasing(
+                    file,
+                    row,
+                    step,
+                    more,
+                    None,
+                    set_back=is_local and -3600.0 <= step <= -1800.0,
+                    is_picked=True,
+                )
             )
             return None
     first, stop = max(bounds[0], 0), min(bounds[1], rows)

@@ -131,7 +131,10 @@ def _repair_of(text: str, column: str) -> str | None:
     if _DATE.match(text):
         return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
     if text.upper() in _NOT_MEASURED:
-        return "leave the cell empty where nothing was measured"
+        return (
+            "leave the cell empty where nothing was measured, "
+            f'or write `missing: "{text}"` under `data:`'
+        )
     if text.startswith("="):
         return "a formula has no value yet: open the file in a spreadsheet program and save it"
     if _NUMBER.fullmatch(text):

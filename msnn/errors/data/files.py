@@ -1,8 +1,13 @@
-"""E0801-E0826, E0869, E1228, E1326, W0832-W0834, W0837, W0838: data files and recordings."""
+"""E0801-E0826, E0869, E0932, E1228, E1326, W0832-W0834, W0837-W0839, W0957: data files."""
 
+import errno
 import math
+import os
 import re
+import struct
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 from msnn.errors.data.rows import listed, seconds_text, shortened
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, remark, warning
@@ -26,6 +31,44 @@ def unreadable_file(
 ) -> Diagnostic:
     """E0802: a file that cannot be read, or that is not text."""
     return error("E0802", place, f"cannot read {file}: {reason}", "from here on", help=repair)
+
+
+_LONGEST_REASON = 200
+"""Maximum number of characters of a library's error message."""
+
+
+def reason_of(error: Exception, path: Path) -> str:
+    """Why a library cannot read a file; its own words come last, without the file's path."""
+    if isinstance(error, MemoryError):
+        return "it does not fit into memory"
+    # libraries do not check what they read, and raise anything for damaged files
+    known = (errno.ENOENT, errno.EACCES, errno.EPERM, errno.EISDIR)
+    if isinstance(error, OSError) and error.errno in known:
+        return os.strerror(error.errno)
+    lines = str(error).replace(str(path), path.name).splitlines() or [""]
+    text = lines[0][:_LONGEST_REASON].rstrip(". ")
+    # a number or a name alone says nothing
+    if isinstance(error, KeyError | IndexError | struct.error) or not text:
+        text = f"{type(error).__name__} {text}".rstrip()
+    return f"it is damaged, or no file of the format that its name says (the reader: {text})"
+
+
+def no_reader(suffix: str, file: str, fault: Diagnostic) -> Diagnostic:
+    """E0932: a file whose suffix no format and no plug-in has, and that is no table of text."""
+    message = (
+        f"no format of msnn and no installed plug-in reads `{suffix}` files; "
+        f"{file} was taken as CSV text: {fault.message}"
+    )
+    repair = f"install the plug-in that reads `{suffix}` files (`msnn doctor` lists the installed)"
+    as_text = f", or, if it is text: {fault.help}" if fault.help else ", or save the file as CSV"
+    return replace(fault, code="E0932", message=message, help=repair + as_text, replacement=None)
+
+
+def read_as_text(suffix: str) -> Diagnostic:
+    """W0957: files whose suffix no format and no plug-in has, which are read as text."""
+    message = f"no format of msnn and no installed plug-in reads `{suffix}` files"
+    repair = "install the plug-in that reads them, or, if they are text, name them `….csv`"
+    return warning("W0957", None, f"{message}: they are read as CSV text", help=repair)
 
 
 def spreadsheet(file: str) -> Diagnostic:
@@ -79,7 +122,10 @@ def missing_columns(
             "this is a table that `msnn simulate` has written, no record: move it to where no "
             "`source:` under `data:` takes it, and write the next one there by `--out`"
         )
-    elif repair is None and (member := next((n for n in missing if "." in n), None)) is not None:
+    elif (swapped := _swapped(missing, columns)) is not None:
+        repair = "the signal stands on the left, its column on the right"
+        repair = f"if the two are exchanged, write `{swapped}`: {repair}"
+    elif repair is None and (member := _member(missing)) is not None:
         own = member.rpartition(".")[2]
         repair = f"name its column: `columns: {{{member}: {own if own in columns else 'NAME'}}}`"
         repair += " under `data:`, or feed it by `connect:`"
@@ -90,6 +136,21 @@ def missing_columns(
     if width:
         notes = (f"it has no header: its columns are 0 … {width - 1}",)
     return error("E0804", place, message, label, notes=notes, help=repair)
+
+
+def _member(missing: Mapping[str, str]) -> str | None:
+    """A missing column that has the name of its signal, which is one of a submodel."""
+    names = (name for name, user in missing.items() if "." in name and user.strip("`") == name)
+    return next(names, None)
+
+
+def _swapped(missing: Mapping[str, str], columns: Sequence[str]) -> str | None:
+    """The key with signal and column exchanged, if the file has a column like the signal."""
+    for name, user in missing.items():
+        signal = user.strip("`")
+        if signal != name and signal in columns and signal != _TIME:
+            return f"columns: {{{_quoted(name)}: {_quoted(signal)}}}"
+    return None
 
 
 def _named(nearby: Mapping[str, str], wanted_by: Mapping[str, str]) -> str:
@@ -147,7 +208,7 @@ def _quoted(column: str) -> str:
 def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic:
     """E0805: a header that another delimiter splits into columns."""
     message = f"{file} is not separated by {_shown(used)}: its header is one column"
-    repair = f"write `csv: {{delimiter: {_written(meant)}}}` under `data:`"
+    repair = f"write `delimiter: {_written(meant)}` in `csv:` under `data:`"
     return error("E0805", place, message, f"this line has {_shown(meant)}", help=repair)
 
 
@@ -287,3 +348,16 @@ def lost_messages(file: str, dropouts: Sequence[float], longest_at: float) -> Di
 def unread_part(file: str, reason: str) -> Diagnostic:
     """W0838: a file of which only a part is read."""
     return warning("W0838", None, f"a part of {file} is not read: {reason}")
+
+
+def start_in_doubt(file: str, first: float, last: float) -> Diagnostic:
+    """W0839: a recording whose start time cannot be that of its messages."""
+    message = (
+        f"the times of {file}, counted from its start time, are {first:.6g} s … {last:.6g} s: one "
+        "of them is damaged, or the start is of another clock"
+    )
+    repair = (
+        "`from` and `to` in seconds, and ranges of `split:`, count from that start: give times "
+        "within these, or copy the file again"
+    )
+    return warning("W0839", None, message, help=repair)

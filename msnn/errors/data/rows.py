@@ -111,10 +111,11 @@ def time_not_increasing(
     message = f"the time in row {row} of {file} is not later than in the row before"
     notes = and_more(more, "row")
     if set_back:
+        message = f"the time in row {row} of {file} goes back by an hour: the end of summer time?"
         # sorted, the rows of two hours would be mixed
         repair = (
-            "the clock was set back by an hour, as at the end of summer time: write times with "
-            "their offset from UTC, `02:50+02:00` and then `02:00+01:00`"
+            "if the clock was set back, write times with their offset from UTC: `02:50+02:00` and "
+            "then `02:00+01:00`; `resample: none` makes an episode of each part"
         )
     elif is_stream:
         # nobody edits the rows of such a file
@@ -139,12 +140,21 @@ def time_not_increasing(
 
 
 def rows_not_there(
-    what: str, file: str, rows: int, span: Span | None, times: tuple[str, str] | None = None
+    what: str | None,
+    file: str,
+    rows: int,
+    span: Span | None,
+    times: tuple[str, str] | None = None,
 ) -> Diagnostic:
     """E0818: `from` or `to` outside the file."""
+    # of columns with times of their own
+    if what is None:
+        message = f"the columns of {file} have no time in common"
+        repair = "one ends before another begins, or outside of `from` and `to`: choose other times"
+        return error("E0818", span, message, "no rows left", help=repair)
     # the first and the last time, where times pick rows
     has = f"rows 0 … {rows - 1}" if times is None else f"times {times[0]} … {times[1]}"
-    message = f"{what} leaves no rows of {file}, which has {has}"
+    message = f"{what} leaves no rows of {file}, which has {has if rows else 'none'}"
     repair = "choose `from` and `to` within them, or leave them out" if rows else None
     return error("E0818", span, message, "no rows left", help=repair)
 
@@ -325,10 +335,15 @@ def static_resample(span: Span | None) -> Diagnostic:
     return error("E0844", span, message, "to which time step?", help=repair)
 
 
-def time_of_another_group(column: str, file: str, other: str, span: Span | None) -> Diagnostic:
+def time_of_another_group(
+    column: str, file: str, other: str, span: Span | None, *, keeps_time: bool = True
+) -> Diagnostic:
     """E0875: a time column that does not belong to the other column."""
     message = f"`{column}` of {file} does not have the times of `{other}`"
-    repair = "name a time that all columns have, or leave `time:` out: the file keeps times itself"
+    # a file of tables may have no other times
+    repair = "name a time that all columns have, as a channel of the same name in each group"
+    if keeps_time:
+        repair = "name a time that all columns have, or leave `time:` out: the file keeps times"
     return error("E0875", span, message, "recorded by another clock", help=repair)
 
 

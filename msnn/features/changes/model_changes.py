@@ -9,19 +9,21 @@ from typing import Literal
 
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.table_of_formats import format_plugins
+from msnn.data.reading.files import matching
 from msnn.features.changes.interface_changes import (
     InterfaceChange,
     export_changes,
     interface_changes,
 )
 from msnn.model.model import Model
-from msnn.model.program_file import recorded_plugins
-from msnn.model.saved_run import DESCRIPTION, read_json
+from msnn.model.saved_run import DESCRIPTION, data_plugins, read_json, recorded_plugins
 from msnn.reports.compare_specs import SpecDifference, compare_specs
 from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
+from spec_schema.errors.plugins import OTHER_VERSION
 
 _BEST = {"fit": 100.0, "r2": 1.0}
 """Best values of metrics that increase with accuracy; the error is the distance from them."""
@@ -180,15 +182,23 @@ def model_changes(
         metrics=metrics,
         learned=learned,
         plugins=_plugin_changes(_plugins_of(old), _plugins_of(new)),
-        warnings=warnings,
+        warnings=(
+            *(w for m in (old, new) for w in m.warnings if w.code == OTHER_VERSION),
+            *warnings,
+        ),
     )
 
 
 def _plugins_of(model: Model) -> dict[str, str]:
     """The plug-ins of a model with their versions: of a run those that it was trained with."""
     if model.run is not None:
-        return recorded_plugins(read_json(model.run / DESCRIPTION))
-    return {plugin.package: plugin.version for plugin in model.program.plugins}
+        record = read_json(model.run / DESCRIPTION)
+        return {**recorded_plugins(record), **data_plugins(record)}
+    data = model.spec.data
+    patterns = [] if data is None else [p.value for s in data.source.values() for p in s.files]
+    files = [file for pattern in patterns for file in matching(model.folder, pattern) or [pattern]]
+    used = (*model.program.plugins, *format_plugins(files).values())
+    return {plugin.package: plugin.version for plugin in used}
 
 
 def _plugin_changes(old: Mapping[str, str], new: Mapping[str, str]) -> tuple[PluginChange, ...]:

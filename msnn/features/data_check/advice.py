@@ -13,8 +13,9 @@ from msnn.data.rollout_rows import reads
 from msnn.errors.data.rows import other_sample_time, step_repair
 from msnn.features.data_check import errors
 from msnn.features.data_check.channels import RowsOfData
+from msnn.features.data_check.dynamics.check import Answer
 from msnn.features.data_check.dynamics.excitation import Excitation
-from msnn.features.data_check.dynamics.impulse_response import FALSE_ALARMS, TimeConstants
+from msnn.features.data_check.dynamics.impulse_response import ROWS_OF_A_PIECE, TimeConstants
 from msnn.features.data_check.errors import too_few_rows
 from msnn.features.data_check.found import (
     CheckedChannel,
@@ -78,8 +79,11 @@ def sampling_findings(
             )
 
 
-def signal_findings(checked: DatasetCheck) -> Iterator[Diagnostic]:
-    """Reports faults in the values of every column."""
+def signal_findings(checked: DatasetCheck, ended: str | None) -> Iterator[Diagnostic]:
+    """Reports faults in the values of every column.
+
+    `ended` is the key of the spec that ends episodes at missing inputs, or leaves records out.
+    """
     for one in checked.channels:
         # a column without any value is told once, not by each check
         if one.found.missing == one.found.rows:
@@ -88,11 +92,11 @@ def signal_findings(checked: DatasetCheck) -> Iterator[Diagnostic]:
                     signal=one.channel.name, value=None, unit="", where=_files(checked.rows)
                 )
             continue
-        yield from _values(one, checked.rows)
+        yield from _values(one, checked.rows, ended)
         yield from _constant(one, checked.rows)
 
 
-def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
+def _values(one: CheckedChannel, rows: RowsOfData, ended: str | None) -> Iterator[Diagnostic]:
     channel, found = one.channel, one.found
     name, unit, signal = channel.name, channel.unit, channel.signal
     if found.missing:
@@ -103,6 +107,7 @@ def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
             place=rows.place(found.first_missing),
             longest=found.longest_missing,
             is_input=signal.role is Role.INPUT,
+            ended=ended,
         )
     if len(found.spikes):
         highest = int(np.argmax(found.spikes.heights))
@@ -185,9 +190,6 @@ def _files(rows: RowsOfData) -> str:
     return files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"
 
 
-_FEWEST_ROWS = 30
-
-
 def dynamics_findings(system: CheckedSystem, *, resampled: bool) -> Iterator[Diagnostic]:
     """Reports inputs with weak excitation, and targets without a visible response."""
     for dependence in system.about.dependences:
@@ -241,17 +243,62 @@ def _target(
             yield errors.closed_loop_data(
                 input=system.inputs[number].name, signal=name, share=share
             )
-    # an input that excites little may have an answer that nobody sees
-    told = [i for i in moving if _told(system, i)]
-    unseen = all(found.delays[i] is None and not found.responses.answers(i) for i in told)
-    if told and unseen:
-        yield errors.no_response(
+    for role in found.set_points:
+        yield errors.set_point_as_input(
             signal=name,
-            inputs=[system.inputs[i].name for i in told],
-            lags=found.responses.lags,
-            # of the lags one by one, and of all together
-            chance=2 * FALSE_ALARMS,
+            input=system.inputs[role.number].name,
+            controller=None if role.controller is None else system.inputs[role.controller].name,
         )
+    yield from _no_response(system, target, moving)
+
+
+def _no_response(
+    system: CheckedSystem, target: CheckedTarget, moving: Sequence[int]
+) -> Iterator[Diagnostic]:
+    """Reports inputs without a visible response, of which the data could show one."""
+    # what inputs that depend on each other do cannot be told apart
+    together = {
+        number
+        for one in system.about.dependences
+        for number in (one.number, *(other for other, _ in one.factors))
+    }
+    unseen: list[tuple[int, Answer]] = []
+    for number in moving:
+        answer = target.found.answers[number]
+        told = _told(system, number) and number not in together
+        if answer is not None and told and not answer.seen:
+            unseen.append((number, answer))
+    for limited in (False, True):
+        alike = [
+            (number, answer)
+            for number, answer in unseen
+            if (answer.limited or _is_slow(system, number)) == limited
+        ]
+        if alike:
+            yield errors.no_response(
+                signal=target.channel.name,
+                inputs=[system.inputs[number].name for number, _ in alike],
+                lags=max(answer.lags for _, answer in alike),
+                p_values=[answer.p_value for _, answer in alike],
+                static=max(answer.static for _, answer in alike),
+                limited=limited,
+                elsewhere=any(_seen_elsewhere(system, target, number) for number, _ in alike),
+            )
+
+
+_COVERED = 0.25
+
+
+def _is_slow(system: CheckedSystem, number: int) -> bool:
+    """True if an input moves in few frequency bands alone, so that its effect may hide in drift."""
+    excites = system.about.excitation[number]
+    return excites is None or excites.covered < _COVERED
+
+
+def _seen_elsewhere(system: CheckedSystem, target: CheckedTarget, number: int) -> bool:
+    """True if another target needs this input."""
+    others = (one.found.answers[number] for one in system.targets if one is not target)
+    return any(answer is None or answer.seen for answer in others)
 
 
 def _told(system: CheckedSystem, number: int) -> bool:
@@ -261,14 +308,15 @@ def _told(system: CheckedSystem, number: int) -> bool:
 
 
 def _needed(inputs: int) -> int:
-    return max(_FEWEST_ROWS, _FEWEST_ROWS * inputs)
+    return ROWS_OF_A_PIECE * max(inputs, 1)
 
 
 _FEWEST, _USUAL, _MOST = 5.0, 20.0, 60.0
 """Samples per time constant: 10 to 30 are usual (Åström and Wittenmark, Computer-Controlled
 Systems, 1997, §3.9).
 
-Values below half of the lower or above twice the upper limit are reported.
+Values below half of the lower or above twice the upper limit are reported. Of an oscillation the
+same numbers count per period, since ω₀h = 0.2 … 0.6 is usual there.
 """
 
 
@@ -276,7 +324,7 @@ def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic
     """Reports delays, sample times and windows of the spec that do not fit the data."""
     for target in system.targets:
         constants = target.found.constants
-        if constants is not None and math.isfinite(constants.slowest):
+        if constants is not None and not constants.integrates:
             yield from _sampling(target, constants, system.step)
     expected = model.program.sample_time
     if expected is None or abs(system.step - expected) > GAP_TOLERANCE * expected:
@@ -291,13 +339,25 @@ def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic
 
 
 def _sampling(target: CheckedTarget, constants: TimeConstants, step: float) -> Iterator[Diagnostic]:
-    rows = constants.slowest
     # the slowest motion decides whether too slow, the fastest whether too fast
-    if constants.slowest < _FEWEST or constants.fastest > _MOST:
-        every = round(constants.fastest / _USUAL) if constants.fastest > _MOST else None
-        yield errors.sampling_of_system(
-            signal=target.channel.name, constant=rows * step, rows=rows, every=every
-        )
+    scales = [
+        (period, True) if math.isfinite(period) else (mode, False)
+        for mode, period in zip(constants.modes, constants.periods, strict=True)
+    ]
+    slow, oscillates = max(scales)
+    every = round(constants.fastest / _USUAL) if constants.fastest > _MOST else None
+    if every is not None:
+        slow, oscillates = min(scales)
+    elif slow >= _FEWEST or constants.interval[1] > 2 * constants.slowest:
+        return
+    rows, kind = slow, "period" if oscillates else "time constant"
+    yield errors.sampling_of_system(
+        signal=target.channel.name,
+        motion=f"has a {kind} of {rows * step:.3g} s",
+        rows=rows,
+        of=kind,
+        every=every,
+    )
 
 
 def _delays(
@@ -364,12 +424,13 @@ def _windows(model: Model) -> list[str]:
 def _horizon(model: Model, targets: Sequence[CheckedTarget]) -> Iterator[Diagnostic]:
     """Advises on rollouts of models with feedback: they must cover the slowest motion."""
     inputs = {s.name for s in model.program.signals if s.role is Role.INPUT}
+    # the lower bound: what is said of the horizon holds although the estimate is not exact
     moving = [
-        (target.found.constants.slowest, target.channel.name)
+        (constants.interval[0], constants.slowest, target.channel.name)
         for target in targets
-        if target.found.constants is not None
+        if (constants := target.found.constants) is not None
         and (target.channel.signal.name in inputs or model.program.states)
-        and math.isfinite(target.found.constants.slowest)
+        and not constants.integrates
     ]
     longest: tuple[int, int] | None = None
     for plan in plan_stages(model.program, model.spec.train, Findings()):
@@ -379,11 +440,12 @@ def _horizon(model: Model, targets: Sequence[CheckedTarget]) -> Iterator[Diagnos
         # of equal horizons the last stage: it decides the weights
         if longest is None or plan.rollout.horizon >= longest[0]:
             longest = plan.rollout.horizon, plan.index
-    slowest, name = max(moving, default=(0.0, ""))
-    if longest is not None and longest[0] < round(slowest):
+    least, slowest, name = max(moving, default=(0.0, 0.0, ""))
+    if longest is not None and longest[0] < math.floor(least):
         yield errors.short_horizon(
             signal=name,
             horizon=longest[0],
             constant=slowest,
+            least=least,
             key=f"train.{longest[1]}.rollout.horizon",
         )

@@ -204,7 +204,14 @@ def _read(
     section = section.model_copy(update=_KEPT)
     filters = row_filters(model.spec.model_copy(update={"data": section}))
     folder = data_folder(model, data_root)
-    return load_data(model.program, section, folder, filters, as_recorded=as_recorded)
+    return load_data(
+        model.program,
+        section,
+        folder,
+        filters,
+        as_recorded=as_recorded,
+        recorded=model.recorded,
+    )
 
 
 def _resamples(data: Data) -> bool:

@@ -69,7 +69,7 @@ def check_datasets(
         checked.append(_dataset(model, name, dataset, resampled=resampled is not None))
         findings.report(*dataset.warnings)
         findings.report(*sampling_findings(model, checked[-1], resampled=resampled is not None))
-        findings.report(*signal_findings(checked[-1]))
+        findings.report(*signal_findings(checked[-1], _ends_episodes(model, resampled)))
     if resampled is not None:
         told = set(findings.in_order)
         findings.report(*(said for said in resampled.warnings if said not in told))
@@ -88,6 +88,15 @@ def check_datasets(
         system=system,
         findings=findings.in_order,
     )
+
+
+def _ends_episodes(model: Model, resampled: Dataset | None) -> str | None:
+    """The key of the spec that ends an episode where an input is missing; None without one."""
+    data = model.spec.data
+    if data is not None and data.nan != "error":
+        return f"nan: {data.nan}"
+    method = None if data is None else data.resample
+    return f"resample: {method}" if resampled is not None and method is not None else None
 
 
 def _dataset(model: Model, name: str, dataset: Dataset, *, resampled: bool) -> DatasetCheck:
@@ -126,6 +135,7 @@ def _system(model: Model, dataset: Dataset, step: float) -> CheckedSystem:
     table = np.zeros((dataset.rows, len(inputs)))
     for column, channel in enumerate(inputs):
         table[:, column] = _clean(channel, rows)
+    names = [channel.name for channel in inputs]
     about = check_inputs(table, rows.follows, [rounding(channel.values) for channel in inputs])
     return CheckedSystem(
         step=step,
@@ -135,7 +145,7 @@ def _system(model: Model, dataset: Dataset, step: float) -> CheckedSystem:
             CheckedTarget(
                 channel,
                 wanted[channel.signal.name],
-                check_target(_clean(channel, rows), table, rows.follows, about),
+                check_target(_clean(channel, rows), table, rows.follows, about, names),
             )
             for channel in channels
             if channel.signal.name in wanted

@@ -1,7 +1,8 @@
-"""W0810-W0829, E0827-E0829, E1130: findings of `msnn data`, errors of `msnn init --data`."""
+"""W0810-W0829, W0847, E0827-E0829, E1130: findings of `msnn data`, errors of `msnn init --data`."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
@@ -39,15 +40,27 @@ def repeated_times(*, file: str, count: int, row: int, backward: bool) -> Diagno
 
 
 def missing_values(
-    *, signal: str, count: int, rows: int, place: str, longest: int, is_input: bool
+    *,
+    signal: str,
+    count: int,
+    rows: int,
+    place: str,
+    longest: int,
+    is_input: bool,
+    ended: str | None,
 ) -> Diagnostic:
     """W0814: values that a signal lacks."""
+    # `ended` is the key of the spec that already ends episodes there
     message = (
         f"{count} of {rows} values of `{signal}` are missing, the first in {place}; "
         f"the longest run has {longest}"
     )
     repair = "values of targets that are missing are not scored"
-    if is_input:
+    if is_input and ended is not None:
+        repair = f"`{ended}` already ends the episode there; record `{signal}` without holes"
+        if ended == "nan: drop":
+            repair = "`nan: drop` already leaves such records out; `nan: split` keeps their parts"
+    elif is_input:
         repair = "`nan: split` under `data:` ends the episode there, `nan: drop` leaves records out"
     return warning("W0814", None, message, help=repair)
 
@@ -133,8 +146,16 @@ def little_of_range(
 
 def too_few_rows(*, rows: int, longest: int, needed: int, of: str, resampled: bool) -> Diagnostic:
     """W0829: too few rows without gap to say anything of a response."""
-    parts = f", at most {longest} of them in one part without gap," if longest < rows else ""
-    message = f"{rows} rows with every value{parts} are too few to tell how `{of}` is moved"
+    if longest >= needed:
+        message = f"the {rows} rows with every value do not show how `{of}` is moved"
+        repair = f"`{of}` does not change in them, or its values are too large or too small"
+        return warning("W0829", None, message, help=repair)
+    message = f"{rows} rows with every value are too few to tell how `{of}` is moved"
+    if longest < rows:
+        message = (
+            f"the longest part without gap, {longest} of {rows} rows with every value, is too "
+            f"short to tell how `{of}` is moved"
+        )
     repair = f"{needed} rows in one part are enough: record for longer, "
     # where the spec resamples already, what lacks is values of the target
     lacking = f"with a value of `{of}` in every row"
@@ -180,12 +201,12 @@ def weak_excitation(*, input: str, order: int, needed: int, highest: float | Non
 
 
 def sampling_of_system(
-    *, signal: str, constant: float, rows: float, every: int | None
+    *, signal: str, motion: str, rows: float, of: str, every: int | None
 ) -> Diagnostic:
     """W0822: a sample time that does not suit the time constant of the data."""
     message = (
-        f"the slowest time constant of `{signal}` is {constant:.3g} s, {rows:.3g} sample times; "
-        "10 to 30 are usual"
+        f"the {'fastest' if every is not None else 'slowest'} motion of `{signal}` {motion}, "
+        f"{rows:.3g} sample times; 10 to 30 per {of} are usual"
     )
     repair = "record faster: what happens between rows is not in the data (`sample_time:`)"
     if every is not None:
@@ -209,12 +230,14 @@ def short_window(
     return warning("W0823", None, message, help=repair)
 
 
-def short_horizon(*, signal: str, horizon: int, constant: float, key: str) -> Diagnostic:
+def short_horizon(
+    *, signal: str, horizon: int, constant: float, least: float, key: str
+) -> Diagnostic:
     """W0824: rollouts of training that end before the slowest motion does."""
     rows = round(constant)
     message = (
         f"rollouts of {horizon} rows are shorter than the slowest time constant of `{signal}`, "
-        f"{rows} rows: what drifts slowly is not trained"
+        f"{rows} rows (at least {math.floor(least)}): slow drift is not trained"
     )
     return warning("W0824", None, message, help=f"write `{key}: {2 * rows}` or more")
 
@@ -239,15 +262,62 @@ def dependent_inputs(*, input: str, formula: str, share: float) -> Diagnostic:
     return warning("W0826", None, message, help=repair)
 
 
-def no_response(*, signal: str, inputs: Sequence[str], lags: int, chance: float) -> Diagnostic:
+def no_response(
+    *,
+    signal: str,
+    inputs: Sequence[str],
+    lags: int,
+    p_values: Sequence[float],
+    static: float,
+    limited: bool,
+    elsewhere: bool,
+) -> Diagnostic:
     """W0827: inputs without a visible response."""
     named = ", ".join(f"`{name}`" for name in inputs)
+    chances = ", ".join(f"{value:.2g}" for value in p_values)
     message = (
-        f"`{signal}` shows no response to {named} within {lags} rows "
-        f"(a false alarm in {chance:.0%} of the cases)"
+        f"`{signal}` shows no response to {named} within {lags} rows (joint test: p = {chances})"
     )
-    repair = "look at delay, columns and units, or take what has no influence out of `inputs:`"
-    return warning("W0827", None, message, help=repair)
+    if limited:
+        note = f"the recording cannot exclude a static effect on `{signal}`"
+        if static < 1:
+            note += f" below {static:.0%} of its deviation"
+        repair = (
+            f"keep {named}, and record longer or with larger steps; look at delays beyond "
+            f"{lags} rows, columns and units"
+        )
+        return warning("W0827", None, message, notes=(note,), help=repair)
+    note = f"a static effect above {static:.1%} of the deviation of `{signal}` is unlikely"
+    repair = f"look at delays beyond {lags} rows, columns and units, or "
+    repair += (
+        f"leave it out of what predicts `{signal}`"
+        if elsewhere
+        else "take what has no influence out of `inputs:`"
+    )
+    return warning("W0827", None, message, notes=(note,), help=repair)
+
+
+def set_point_as_input(*, signal: str, input: str, controller: str | None) -> Diagnostic:
+    """W0847: an input that is the set-point of a controller, not an input of the plant."""
+    if controller is None:
+        message = (
+            f"`{signal}` follows `{input}` in the long run, and its name says set-point: a "
+            "controller seems to act between them"
+        )
+        repair = (
+            f"for a model of the plant, take `{input}` out of `inputs:` and read the output of the "
+            "controller; for a model of the closed loop, keep it"
+        )
+        return warning("W0847", None, message, help=repair)
+    message = (
+        f"`{input}` is the set-point of `{signal}`: a controller computes `{controller}` from "
+        f"their difference, and `{input}` acts through `{controller}` alone"
+    )
+    repair = (
+        f"for a model of the plant, take `{input}` out of `inputs:`; for a model of the closed "
+        f"loop, take `{controller}` out"
+    )
+    return warning("W0847", None, message, help=repair)
 
 
 def no_table(file: str, format: str | None = None) -> Diagnostic:

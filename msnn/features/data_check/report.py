@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from msnn.features.data_check.channels import RowsOfData
+from msnn.features.data_check.dynamics.check import TargetCheck
+from msnn.features.data_check.dynamics.impulse_response import TimeConstants
+from msnn.features.data_check.dynamics.influence import SIGNIFICANCE
 from msnn.features.data_check.found import (
     CheckedChannel,
     CheckedSystem,
@@ -49,7 +52,7 @@ def check_record(check: DataCheck) -> dict[str, Any]:
 def _files_table(sampling: Sequence[StepsOfTime]) -> str:
     if not sampling:
         return ""
-    header = ("file", "rows", "step / s", "jitter", "gaps", "repeated", "backward")
+    header = ("file", "rows", "step / s", "jitter", "gaps", "lost rows", "repeated", "backward")
     rows = [
         (
             one.file,
@@ -57,14 +60,15 @@ def _files_table(sampling: Sequence[StepsOfTime]) -> str:
             _number(one.step),
             f"{one.jitter:.1%}",
             _count(len(one.gaps)),
+            _count(one.lost),
             _count(len(one.repeated)),
             _count(len(one.backward)),
         )
         for one in sampling[:_MOST_FILES]
     ]
     if len(sampling) > _MOST_FILES:
-        rows.append((f"… and {len(sampling) - _MOST_FILES} more files", "", "", "", "", "", ""))
-    return table_text(header, rows, numbers=range(1, 7))
+        rows.append((f"… and {len(sampling) - _MOST_FILES} more files", "", "", "", "", "", "", ""))
+    return table_text(header, rows, numbers=range(1, 8))
 
 
 def _channels_table(dataset: DatasetCheck) -> str:
@@ -104,13 +108,13 @@ def _inputs_table(system: CheckedSystem) -> str:
 
 
 def _pairs_table(system: CheckedSystem) -> str:
-    header = ("target", "input", "delay", "delay / s", "time constants / s", "periods / s")
-    header += ("settled after / s", "feedback")
+    header = ("target", "input", "response", "delay", "delay / s", "time constants / s")
+    header += ("slowest, range / s", "periods / s", "settled after / s", "feedback")
     rows: list[tuple[str, ...]] = []
     for target in system.targets:
         for number, channel in enumerate(system.inputs):
             rows.append(_pair_row(system, target, number, channel.name))
-    return table_text(header, rows, numbers=(2, 3, 4, 5, 6, 7)) if rows else ""
+    return table_text(header, rows, numbers=range(3, 10)) if rows else ""
 
 
 def _pair_row(
@@ -121,21 +125,49 @@ def _pair_row(
     # a response that rises slowly may have begun earlier
     least = "" if found.sharp[number] or not delay else "≤ "
     # a time constant without a visible response belongs to other inputs
-    seen = delay is not None and constants is not None
+    answer = found.answers[number]
+    seen = constants is not None and (delay is not None or (answer is not None and answer.seen))
     settling = constants.settling if seen and constants else None
     periods = [p for p in constants.periods if math.isfinite(p)] if seen and constants else []
     return (
         target.channel.name,
         name,
-        "none seen" if delay is None else f"{least}{delay}",
+        _response_text(target, number),
+        "" if delay is None else f"{least}{delay}",
         "" if delay is None else f"{least}{_number(delay * step)}",
         ", ".join(_number(mode * step) for mode in dict.fromkeys(constants.modes))
         if seen and constants
         else "",
+        _range_text(constants, step) if seen and constants else "",
         ", ".join(_number(period * step) for period in dict.fromkeys(periods)),
         "" if settling is None else _number(settling * step),
         "" if share is None else f"{share:.0%}",
     )
+
+
+def _response_text(target: CheckedTarget, number: int) -> str:
+    """Whether the target responds to an input, with the p-value of the joint test."""
+    role, answer = target.found.set_point(number), target.found.answers[number]
+    if role is not None:
+        return "set-point"
+    if answer is None:
+        return "not tested"
+    chance = "p < 1e-99" if answer.p_value < 1e-99 else f"p = {answer.p_value:.2g}"
+    if answer.p_value < SIGNIFICANCE:
+        return chance
+    if answer.in_row:
+        return "in the same row"
+    return f"unclear, {chance}" if answer.alone or answer.limited else f"none seen, {chance}"
+
+
+def _range_text(constants: TimeConstants, step: float) -> str:
+    """The uncertainty of the slowest time constant."""
+    if constants.growing:
+        return "unstable"
+    low = _number(constants.interval[0] * step)
+    if constants.integrates:
+        return f"≥ {low}, or an integrator"
+    return f"{low} … {_number(constants.interval[1] * step)}"
 
 
 def _dataset_record(dataset: DatasetCheck) -> dict[str, Any]:
@@ -148,6 +180,7 @@ def _dataset_record(dataset: DatasetCheck) -> dict[str, Any]:
                 "step": one.step,
                 "mean": one.mean,
                 "jitter": one.jitter,
+                "lost": one.lost,
                 "gaps": list(one.gaps[:_MOST_PLACES]),
                 "repeated": list(one.repeated[:_MOST_PLACES]),
                 "backward": list(one.backward[:_MOST_PLACES]),
@@ -222,6 +255,15 @@ def _target_record(system: CheckedSystem, target: CheckedTarget) -> dict[str, An
         "rows": found.rows,
         "time_constants": [] if constants is None else [mode * step for mode in constants.modes],
         "periods": [] if constants is None else [period * step for period in constants.periods],
+        "damping": [] if constants is None else list(constants.damping),
+        "slowest": None
+        if constants is None
+        else {
+            "value": constants.slowest * step,
+            "low": constants.interval[0] * step,
+            "high": constants.interval[1] * step,
+            "unstable": constants.growing,
+        },
         "settling": None
         if constants is None or constants.settling is None
         else constants.settling * step,
@@ -231,11 +273,24 @@ def _target_record(system: CheckedSystem, target: CheckedTarget) -> dict[str, An
                 "delay": found.delays[number],
                 "sharp": found.sharp[number],
                 "feedback": found.feedback[number],
+                **_answer_record(system, found, number),
                 "response": _list(found.responses and found.responses.values[number]),
                 "error": _list(found.responses and found.responses.errors[number]),
             }
             for number, channel in enumerate(system.inputs)
         ],
+    }
+
+
+def _answer_record(system: CheckedSystem, found: TargetCheck, number: int) -> dict[str, Any]:
+    role, answer = found.set_point(number), found.answers[number]
+    acting = None if role is None else role.controller
+    return {
+        "set_point": role is not None,
+        "controller": None if acting is None else system.inputs[acting].name,
+        "p_value": None if answer is None else answer.p_value,
+        "in_row": None if answer is None else answer.in_row,
+        "static_limit": None if answer is None else answer.static,
     }
 
 

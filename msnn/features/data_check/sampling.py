@@ -31,6 +31,8 @@ class StepsOfTime:
     worst_row: int
     gaps: tuple[int, ...]
     """Rows directly after a gap."""
+    lost: int
+    """Rows that would fill the gaps at the median step."""
     longest: float
     """Seconds of the longest gap."""
     longest_row: int
@@ -67,6 +69,7 @@ def sampling_of(piece: FileRows) -> StepsOfTime | None:
         worst=float(off[worst] / usual) if even.any() else 0.0,
         worst_row=int(rows[worst + 1]) if even.any() else 0,
         gaps=_rows(rows, gaps),
+        lost=int(np.sum(np.rint(steps[gaps] / usual) - 1)) if gaps.any() else 0,
         longest=float(steps[longest]) if gaps.any() else 0.0,
         longest_row=int(rows[longest + 1]) if gaps.any() else 0,
         repeated=_rows(rows, steps == 0),

@@ -28,7 +28,8 @@ from msnn.features.report_page.packing import Plain
 from msnn.features.report_page.records import Ports, Records, records
 from msnn.features.report_page.tables import equations
 from msnn.model.model import Model, learned_numbers
-from msnn.model.program_file import plugins_text, recorded_plugins
+from msnn.model.program_file import plugins_text
+from msnn.model.saved_run import data_plugins, recorded_plugins
 from msnn.reports.diagram.svg import architecture_svg
 from msnn.reports.drawn import unit_of
 from msnn.reports.learned_functions import MOST_FUNCTIONS, LearnedFunction
@@ -171,6 +172,7 @@ def _facts(contents: Contents) -> list[tuple[str, str]]:
         ("data", f"{files} · rows: {rows}"),
         ("made with", ", ".join(f"{n} {v}" for n, v in found["versions"].items())),
         ("plug-ins", plugins_text(recorded_plugins(found))),
+        ("data read by", plugins_text(data_plugins(found))),
     ]
     if contents.line is not None:
         facts.append(("training took", f"{contents.line.seconds:.3g} s"))

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from backends.files.atomic_write import write_bytes
 from backends.files.safetensors_bytes import safetensors_bytes
-from compiler.ir.program import Parameter, Program
+from compiler.ir.program import Parameter, Program, UsedPlugin
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning import training as training_errors
 from msnn.errors.learning import weights as errors
 from msnn.errors.learning import weights as weight_errors
-from msnn.model.saved_run import WEIGHTS, followed
+from msnn.model.saved_run import DESCRIPTION, WEIGHTS, followed, read_json, recorded_plugins
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.reading.reader import refuse_endless
@@ -65,7 +65,24 @@ def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
         raise SpecError((weight_errors.unreadable_weights(shown, reason),)) from error
     except WeightsFault as fault:
         raise SpecError((weight_errors.unreadable_weights(shown, str(fault)),)) from fault
-    return checked_weights(program, arrays, shown)
+    try:
+        return checked_weights(program, arrays, shown)
+    except SpecError as error:
+        changed = changed_plugins(path, program)
+        raise SpecError([errors.of_other_plugins(f, changed) for f in error.diagnostics]) from error
+
+
+def changed_plugins(weights: Path, program: Program) -> list[tuple[str, UsedPlugin]]:
+    """The program's plug-ins of which the run of a weights file had another version.
+
+    Each with that version before it.
+    """
+    then = recorded_plugins(read_json(weights.parent / DESCRIPTION))
+    return [
+        (then[now.package], now)
+        for now in program.plugins
+        if then.get(now.package, now.version) != now.version
+    ]
 
 
 _ROUNDING = float(np.finfo(np.float32).eps)

@@ -91,8 +91,8 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
         check_classes(rollout.program, data, watched, findings)
     if findings.failed:
         return None
-    if watched_set == TRAIN and _steps_lower_the_total(plan, train):
-        watched = train
+    if watched_set == TRAIN and (_steps_lower_the_total(plan, train) or watched.begin_as(train)):
+        watched = train  # one array of rollouts, which may be as many as rows
     if _starts_inside(rollout.program, data, train):
         findings.report(*fixed_starts(plan))
     return StageData(

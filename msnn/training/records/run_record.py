@@ -40,6 +40,7 @@ def run_record(
     """The content of `run.json`: resolved stages, hashes of spec and data, versions,
     reproducibility.
     """
+    plugins = {suffix: asdict(plugin) for suffix, plugin in data.plugins.items()}
     return {
         "format": _FORMAT,
         "program": program.name,
@@ -53,6 +54,7 @@ def run_record(
             "files": [record.file for record in data.records],
             "rows": {name: int(data.in_set(name).sum()) for name in data.sets},
             "sha256": data_hash(data),
+            **({"plugins": plugins} if plugins else {}),
         },
     }
 

@@ -12,6 +12,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.reading.load import load_data
 from msnn.features.data_check.check import check_data
 from msnn.features.data_check.found import DataCheck
+from msnn.features.data_check.report import check_record
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.explain import known_codes
@@ -155,7 +156,7 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         (poor, "W0821", ("`u` excites ", "Hz")),
         (slow, "W0822", ("sample times; 10 to 30", "`every: 8`")),
         (slow, "W0824", ("40 rows", "`train.0.rollout.horizon: ")),
-        (unmoved, "W0827", ("`y` shows no response to `u` within", "2%")),
+        (unmoved, "W0827", ("`y` shows no response to `u` within 100 rows (joint test: p = ",)),
     ],
 )
 def test_a_fault_is_told_with_its_place_and_its_repair(
@@ -204,6 +205,67 @@ def test_feedback_and_dependence(tmp_path: Path):
     assert "`w` = 3 u, to 100.00 %" in found["W0826"]
 
 
+def test_the_advice_is_weaker_where_the_recording_is_short(tmp_path: Path):
+    """Of 300 rows of noise a third of the deviation may be an effect; of 20,000 rows little."""
+    table = columns(300)
+    table["y"] = 300 + np.random.default_rng(3).normal(size=300)
+    short = said(looked_at(tmp_path, table))["W0827"]
+    assert "cannot exclude a static effect on `y`" in short
+    assert "keep `u`" in short
+    assert "out of `inputs:`" not in short
+    table = columns(20_000)
+    table["y"] = 300 + np.random.default_rng(3).normal(size=20_000)
+    long = said(looked_at(tmp_path, table))["W0827"]
+    assert "of the deviation of `y` is unlikely" in long
+    assert "take what has no influence out of `inputs:`" in long
+
+
+def with_set_point(rows: int = ROWS) -> dict[str, FloatArray]:
+    """A first-order plant under an integrating controller that reads the row before."""
+    reference, random = held(rows, 4, 30, 90), np.random.default_rng(2)
+    y, u, total = np.zeros(rows), np.zeros(rows), 0.0
+    for t in range(1, rows):
+        y[t] = 0.9 * y[t - 1] + 0.1 * u[t - 1] + 0.02 * random.normal()
+        error = reference[t] - y[t - 1]
+        total += 0.05 * error
+        u[t] = 2 * error + total
+    return {"time": clock(rows, 0.1), "u": u, "w": reference, "y": 300 + y}
+
+
+WITH_W = SPEC.replace("u: {unit: V}", "u: {unit: V}, w: {unit: K}").replace(
+    "from_u(u),", "from_u(u) + from_u(w),"
+)
+
+
+def test_a_set_point_is_told_with_its_controller(tmp_path: Path):
+    found = looked_at(tmp_path, with_set_point(), WITH_W)
+    text = said(found)["W0847"]
+    assert "`w` is the set-point of `y`: a controller computes `u` from" in text
+    assert "W0827" not in said(found)
+    record = check_record(found)["system"]["targets"][0]["inputs"]
+    assert [(one["set_point"], one["controller"]) for one in record] == [(False, None), (True, "u")]
+    assert record[0]["p_value"] < 1e-9
+    repaired = SPEC
+    assert "W0847" not in said(looked_at(tmp_path, with_set_point(), repaired))
+
+
+def test_a_set_point_without_its_controller_needs_a_name(tmp_path: Path):
+    table = with_set_point()
+    spec = SPEC.replace("u: {unit: V}", "NAME: {unit: K}").replace("from_u(u)", "from_u(NAME)")
+    for name, told in (("w", False), ("y_set", True), ("set_size", False), ("offset", False)):
+        one = {"time": table["time"], name: table["w"], "y": table["y"]}
+        assert ("W0847" in said(looked_at(tmp_path, one, spec.replace("NAME", name)))) == told
+
+
+def test_lost_rows_are_counted(tmp_path: Path):
+    table = columns()
+    kept = np.ones(ROWS, np.bool_)
+    kept[[500, 501, 502, 900]] = False
+    found = looked_at(tmp_path, {name: values[kept] for name, values in table.items()})
+    assert found.datasets[0].sampling[0].lost == 4
+    assert check_record(found)["datasets"][0]["files"][0]["lost"] == 4
+
+
 def test_a_range_of_which_the_data_know_little(tmp_path: Path):
     spec = SPEC.replace("unit: V}", "unit: V, range: [-20, 20]}")
     assert "5% of its range" in said(looked_at(tmp_path, columns(), spec))["W0828"]
@@ -221,6 +283,29 @@ def test_few_rows_are_told_and_break_nothing(rows: int, tmp_path: Path):
     assert found.system is not None
     assert not {"W0821", "W0822", "W0824"} & set(said(found))
     assert ("W0829" in said(found)) == (rows == 12)
+
+
+@pytest.mark.parametrize(("part", "is_enough"), [(15, False), (35, True)])
+def test_many_short_parts_are_too_few_only_if_none_has_enough_rows(
+    part: int, is_enough: bool, tmp_path: Path
+):
+    table = columns(560)
+    table["time"] += 9 * (np.arange(560) // part)
+    found = said(looked_at(tmp_path, table))
+    assert ("W0829" not in found) == is_enough
+    if not is_enough:
+        assert "the longest part without gap, 15 of 560 rows" in found["W0829"]
+        assert "30 rows in one part are enough" in found["W0829"]
+
+
+@pytest.mark.parametrize("key", ["nan: split", "nan: drop", "resample: linear"])
+def test_a_key_that_the_spec_has_is_not_advised(key: str, tmp_path: Path):
+    table = columns()
+    table["u"][[500, 501]] = np.nan
+    found = looked_at(tmp_path, table, SPEC.replace("time: time}", f"time: time, {key}}}"))
+    text = said(found)["W0814"]
+    assert f"`{key}` already" in text
+    assert "under `data:` ends" not in text
 
 
 def test_everything_at_once_breaks_nothing(tmp_path: Path):

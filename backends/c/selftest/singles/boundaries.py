@@ -1,4 +1,6 @@
-"""Finds steps at a decision and on both sides of it: by bisection and by descent."""
+"""Finds steps at which a comparison changes its sign, and on both sides: by bisection and by
+descent.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ _ENOUGH = 4
 
 @dataclass(frozen=True, slots=True)
 class Boundaries:
-    """Steps near changes of an outcome."""
+    """Single steps close to a change of a decision: of the sign of a difference, or of an entry of
+    the Jacobian to infinity. `below` and `above` are pairs of steps.
+    """
 
     found: list[Trials]
     """All steps, near or at such a change."""
@@ -54,10 +58,11 @@ def boundaries(
     drawn: Trials,
     random: np.random.Generator,
 ) -> Boundaries:
-    """Steps near and at the changes of an outcome (B, decisions).
-
-    Both ends of a segment have the same start. Bisection moves all elements together, by the same
-    number of floats in proportion.
+    """Searches steps near and at the change of each decision, by bisection between two steps with
+    different outcomes and the same start. `outcomes` gives (B, decisions): -1, 0, 1 if the left
+    side is less, equal, greater, and `UNORDERED` for NaN. The ends of segments are chosen from
+    `drawn`, random steps. Bisection moves all elements together, by numbers of adjacent floats in
+    proportion to their distance.
     """
     left, right, decision = _segments(outcomes(drawn), drawn, random)
     rows = np.arange(len(decision))
@@ -103,7 +108,10 @@ def _equal(
     dtype: np.dtype[Any],
     random: np.random.Generator,
 ) -> Trials:
-    """Steps near these ends at which the sides of their decisions are equal."""
+    """Searches steps near `ends` at which both sides of a decision are equal. `decision` is the
+    index of the decision for each end; `outcomes` gives the decisions of steps (B, decisions), 0 if
+    both sides are equal.
+    """
     found, counts = [ends.of(np.zeros(0, np.int64))], np.zeros(decision.max() + 1, np.int64)
     codes = codes_of(ends.numbers)
     for turn in range(_LONGER):
@@ -124,7 +132,9 @@ def _equal(
 def _segments(
     outcomes: Outcomes, drawn: Trials, random: np.random.Generator
 ) -> tuple[Trials, Trials, NDArray[np.int64]]:
-    """Pairs of steps with different outcomes, and the index of the decision."""
+    """Pairs of steps with the same start and different outcomes of a decision: their left ends,
+    right ends, and the index of the decision. `outcomes` (B, decisions) belong to `drawn`.
+    """
     found: list[tuple[int, int, int]] = []
     for decision, of in enumerate(outcomes.T):
         below, above = np.flatnonzero(of == -1), np.flatnonzero(of == 1)
@@ -150,9 +160,8 @@ Codes = NDArray[np.int64]
 
 
 def codes_of(numbers: NDArray[Any]) -> Codes:
-    """The index of each float in ascending order.
-
-    0 and -0 have index 0, and negative floats have negative indices.
+    """An integer for each float, so that adjacent floats have adjacent integers in ascending order.
+    0 and -0 have 0, and negative floats negative ones.
     """
     words = np.ascontiguousarray(numbers).view(f"i{numbers.itemsize}").astype(np.int64)
     # the bits increase with the magnitude; the sign bit gives the sign of the code
@@ -161,13 +170,13 @@ def codes_of(numbers: NDArray[Any]) -> Codes:
 
 
 def numbers_of(codes: Codes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The floats with these codes, the inverse of `codes_of`."""
+    """The floats of type `dtype` with these integers, the inverse of `codes_of`."""
     words = np.abs(codes).astype(f"i{dtype.itemsize}")
     return np.copysign(words.view(dtype), np.where(codes < 0, -1.0, 1.0).astype(dtype))
 
 
 def between(left: Codes, right: Codes) -> Codes:
-    """The middle of two codes, rounded towards the left one."""
+    """The middle of two integers of `codes_of`, element-wise, rounded towards the left one."""
     # the difference of two float64 codes may overflow
     half = right // 2 - left // 2
     # close codes need the exact half, as separately rounded halves may not change
@@ -175,7 +184,9 @@ def between(left: Codes, right: Codes) -> Codes:
 
 
 def distance(left: Codes, right: Codes) -> NDArray[np.uint64]:
-    """The number of adjacent floats from one code to the other."""
+    """How many floats lie from one integer of `codes_of` to the other, element-wise: 1 if
+    adjacent.
+    """
     # the distance of two float64 may exceed int64; the unsigned difference is exact
     return np.maximum(left, right).view(np.uint64) - np.minimum(left, right).view(np.uint64)
 
@@ -204,12 +215,12 @@ def descended(
     random: np.random.Generator,
     held: float = 0.0,
 ) -> Trials:
-    """Steps at which both sides of one of these decisions are equal, and some nearby steps.
-
-    The result may be empty. A product is 0 only if both factors are tiny, and a sum only at few
-    floats near its change of sign. So some steps of each decision take small and large moves that
-    reduce the difference, until it is 0. `held` is the fraction of elements of each step that do
-    not move: otherwise the search for a small quotient ends with a huge divisor and an overflow.
+    """Searches steps at which both sides of a decision are equal, among the decisions with indices
+    `which`; returns these and some steps nearby, possibly none. A product is 0 only if both factors
+    are tiny, and a sum only at few floats near its change of sign. So some steps of `drawn` take
+    small and large random moves that reduce the difference of the sides, until it is 0. `held` is
+    the fraction of elements of each step that do not move: otherwise the search for a small
+    quotient ends with a huge divisor and an overflow.
     """
     gaps = _gaps(steps, decisions, drawn, which)
     # |x| and x are 0 at the same steps
@@ -258,7 +269,10 @@ def moved(
     random: np.random.Generator,
     moving: NDArray[np.bool_] | bool = True,
 ) -> Array:
-    """The elements of all steps after random moves; elements with a False in `moving` stay."""
+    """Copies of `numbers` (B, size), the values of steps, after random moves in steps of adjacent
+    floats; elements with a False in `moving` stay. In round `turn` of `turns`, moves of every
+    second row have become smaller.
+    """
     most = np.full((len(numbers), 1), _REACH * (8 * steps.dtype.itemsize - 1))
     most[::2] *= 1.0 - turn / turns
     sizes = np.exp2(most * random.random(most.shape))
@@ -269,9 +283,8 @@ def moved(
 
 
 def allowed(numbers: Array, steps: TrialSteps) -> Array:
-    """Limits parameters to the sign that the model requires, and inputs to their valid range.
-
-    Only inputs whose policy replaces invalid values are limited.
+    """The values `numbers` (B, size) of steps with parameters limited to the sign that the model
+    requires, and inputs with policy clamp or hold limited to their valid range.
     """
     low, high = steps.bounds
     found = numbers.copy()
@@ -288,7 +301,9 @@ def allowed(numbers: Array, steps: TrialSteps) -> Array:
 def _gaps(
     steps: TrialSteps, decisions: Decisions, trials: Trials, which: NDArray[np.int64]
 ) -> Array:
-    """The absolute differences of both sides of these decisions, infinite if a side is NaN."""
+    """The absolute differences of both sides of the decisions `which`, (B, len(which)); infinite if
+    a side is NaN.
+    """
     return decisions.gaps(steps.run(trials), len(trials), which)
 
 

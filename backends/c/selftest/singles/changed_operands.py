@@ -33,7 +33,10 @@ _ELEMENTS = 8
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A changed element of a node's operand."""
+    """A change that imitates an error of generated C: one element (index in C order) of an operand
+    of a node. Kind `moved` increases it slightly, `negated` changes its sign, `flipped` inverts a
+    bool.
+    """
 
     node: NodeId
     operand: int
@@ -42,7 +45,9 @@ class Change:
 
 
 class ChangeableGraph:
-    """The nodes that some results depend on, with an evaluator that supports changes."""
+    """The nodes of a graph that some results depend on, with an evaluator that can change operands
+    of single nodes.
+    """
 
     def __init__(
         self,
@@ -62,7 +67,9 @@ class ChangeableGraph:
 
     @property
     def size(self) -> int:
-        """The number of elements that a step computes, including the terms of sums."""
+        """The number of elements that one step computes, with the terms of sums counted
+        separately.
+        """
         return sum(
             self._graph[index].type.size + sum(self._graph[arg].type.size for arg in node.args)
             if isinstance((node := self._graph[index]).op, ops.Reduction)
@@ -71,7 +78,9 @@ class ChangeableGraph:
         )
 
     def changes(self) -> list[Change]:
-        """The changes of all operands: slightly larger, negated, or a flipped bool."""
+        """All changes that are tried: for each node the first, middle and last element, or all of
+        up to 8 elements, of each operand. Numbers are moved and negated, bools flipped.
+        """
         found: list[Change] = []
         for index in self._evaluators:
             node = self._graph[index]
@@ -89,9 +98,9 @@ class ChangeableGraph:
         return found
 
     def run(self, around: LeafValues, parameters: Mapping[str, Array]) -> Mapping[NodeId, Array]:
-        """The values of nodes, (B, *shape) or (1, *shape), computed on demand.
-
-        `parameters` that differ between rows are (B, *shape).
+        """The values by node id, (B, *shape), or (1, *shape) if equal for all rows; computed when
+        they are read. `around` has the log, rows and states; `parameters` (B, *shape) replace
+        weights.
         """
         return _Asked(self._graph, self._evaluators, around, parameters)
 
@@ -102,9 +111,9 @@ class ChangeableGraph:
         around: LeafValues,
         changes: Mapping[Change, NDArray[np.int64]],
     ) -> Mapping[NodeId, Array]:
-        """The values of all nodes in copies of the rows of `right`, with each change in its rows.
-
-        `around` belongs to the copies. Nodes that no change affects are not recomputed.
+        """The values by node id in copies of rows of `right`, the correct values, with changes.
+        `copies` has the row of `right` for each copy, `around` the data of the copies, `changes`
+        the copies to which each change applies. Nodes that no change affects are not recomputed.
         """
         by_node: dict[NodeId, list[tuple[Change, NDArray[np.int64]]]] = {}
         for change, rows in changes.items():
@@ -132,7 +141,9 @@ class ChangeableGraph:
         values: Mapping[NodeId, Array],
         rows: NDArray[np.int64],
     ) -> Array:
-        """The value of the node in these rows with the change."""
+        """The values of the changed node in the copies `rows`, (rows, *shape). `values` are the
+        operands before the change.
+        """
         args = self._graph[change.node].args
         operands = {arg: values[arg][rows] if len(values[arg]) > 1 else values[arg] for arg in args}
         changed = repeated_batch(operands[args[change.operand]], len(rows)).copy()
@@ -150,7 +161,9 @@ class ChangeableGraph:
 
 
 class _Asked(dict[NodeId, Array]):
-    """Values by node, each computed when it is first read."""
+    """Values by node id, each computed with its operands when it is first read. `around` has the
+    log, rows and states; `parameters` (B, *shape) replace weights.
+    """
 
     def __init__(
         self,
@@ -185,7 +198,9 @@ class _Asked(dict[NodeId, Array]):
 
 
 class _Copied(dict[NodeId, Array]):
-    """Values by node, whose rows are repeated when a node is first read."""
+    """Values by node id in copies of rows: copy k has row `copies[k]` of `values`, made when a node
+    is first read.
+    """
 
     def __init__(self, values: Mapping[NodeId, Array], copies: NDArray[np.int64]) -> None:
         super().__init__()

@@ -33,7 +33,9 @@ _AT_ZERO = ("abs", "sign", "sqrt", "log", "pow", "atan2")
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Two nodes whose order affects the result; `right` is None for a comparison with 0."""
+    """Two nodes whose comparison (less, equal, greater) decides how a result is computed. `right`
+    is None for a comparison with 0.
+    """
 
     left: NodeId
     right: NodeId | None
@@ -45,16 +47,17 @@ Sides = tuple[Array, Array]
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """The element-wise differences of two values."""
+    """Two values that are compared element by element: `size` is the number of elements, `sides`
+    gives both from the results of steps.
+    """
 
     size: int
     sides: Callable[[TrialValues], Sides]
 
 
 class Decisions:
-    """The differences whose signs affect a step, its checks or its Jacobian.
-
-    Also lists the entries of the Jacobian that can be infinite.
+    """All comparisons of a step, its checks and its Jacobian: each element of each is one decision,
+    the sign of a difference. Also lists the entries of the Jacobian that can be infinite.
     """
 
     def __init__(self, program: Program, interface: Interface) -> None:
@@ -77,16 +80,20 @@ class Decisions:
 
     @property
     def every(self) -> NDArray[np.int64]:
-        """The indices of all differences."""
+        """The indices of all decisions, 0 … D−1."""
         return np.arange(sum(pair.size for pair in self._pairs))
 
     def signs(self, values: TrialValues, count: int) -> NDArray[np.int8]:
-        """The sign of each difference in each trial: -1, 0, 1 or `UNORDERED`, (B, D)."""
+        """The sign of each difference in each of `count` steps: -1, 0, 1, or `UNORDERED` for NaN;
+        (count, D) with D decisions.
+        """
         found = [_signs(*pair.sides(values), count) for pair in self._pairs]
         return np.concatenate([np.zeros((count, 0), np.int8), *found], axis=1)
 
     def gaps(self, values: TrialValues, count: int, which: NDArray[np.int64]) -> Array:
-        """The absolute differences with these indices, (B, len(which)); infinite for NaN."""
+        """The absolute differences of the decisions with the indices `which` in each of `count`
+        steps, (count, len(which)); infinite for NaN.
+        """
         found = np.empty((count, len(which)))
         owners = np.searchsorted(self._ends, which, side="right")
         for number in map(int, np.unique(owners)):
@@ -107,7 +114,7 @@ class Decisions:
         return _Pair(size, lambda values: (values.nodes[entry.node], right))
 
     def doubtful(self, values: TrialValues, count: int) -> Array:
-        """The values of the Jacobian entries that can be infinite, (B, entries)."""
+        """The Jacobian entries that can be infinite, in each of `count` steps, (count, entries)."""
         if not self._doubtful:
             return np.zeros((count, 0))
         numbers = {
@@ -117,10 +124,9 @@ class Decisions:
         return np.stack([numbers[node][:, element] for node, element in self._doubtful], axis=1)
 
     def reports(self, values: TrialValues, count: int) -> Iterator[tuple[Array, Array]]:
-        """For each limit of each checked element: its excess and its sole violations, (B) each.
-
-        The excess beyond the limit is relative to the limit. The mask of sole violations is True
-        where no other element is out of range.
+        """For each finite limit of each checked element, two arrays (count,). The first is the
+        excess beyond the limit, relative to the limit; negative if within. The second is True where
+        no other element is out of range.
         """
         numbers: list[tuple[Array, tuple[float, float]]] = []
         for check in self._checks:
@@ -141,9 +147,8 @@ class Decisions:
                     yield beyond, every == own
 
     def settled(self, values: TrialValues, count: int) -> NDArray[np.bool_]:
-        """The mask of steps for which C must be exact to the bit, (B).
-
-        C omits terms of fuzzy sets whose factor is 0; the interpreter computes NaN for them if the
+        """The mask (count,) of the steps for which C must give the same bits as the interpreter. C
+        omits terms of fuzzy sets whose factor is 0; the interpreter computes NaN for them if the
         other factor is infinite.
         """
         found = np.ones(count, np.bool_)
@@ -154,9 +159,8 @@ class Decisions:
 
 
 def _doubtful(jacobian: Jacobian) -> list[tuple[NodeId, int]]:
-    """The node and element of each Jacobian entry that can be infinite.
-
-    Entries that share an element appear once: `y: next(x)` has the derivatives of x.
+    """Node id and element index of each Jacobian entry that can be infinite. Entries that share an
+    element are listed once: `y: next(x)` has the derivatives of x.
     """
     found: dict[tuple[NodeId, int], None] = {}
     for matrix in jacobian.matrices:

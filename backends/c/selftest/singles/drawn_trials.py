@@ -35,7 +35,10 @@ _WIDE, _HUGE = (-12.0, 12.0), (-140.0, 127.99)
 
 
 def drawn_trials(steps: TrialSteps, random: np.random.Generator) -> Trials:
-    """Random steps of every kind, from every start."""
+    """Random single steps of every kind, in turn from every start: first `PLAIN` ones inside all
+    ranges, then the other kinds, each with trained parameters, then all kinds with changed
+    parameters.
+    """
     # plain ones, the other kinds with trained parameters, then all kinds with others
     kinds = np.repeat([*_KINDS[:1], *_KINDS[1:], *_KINDS], [PLAIN, *[_EACH] * 7])
     trials = trials_of_kinds(steps, kinds, random)
@@ -46,7 +49,9 @@ def drawn_trials(steps: TrialSteps, random: np.random.Generator) -> Trials:
 def trials_of_kinds(
     steps: TrialSteps, kinds: Array, random: np.random.Generator, *, infinite: bool = False
 ) -> Trials:
-    """Steps of these kinds with changed parameters, some of them infinite if allowed."""
+    """Random steps of these kinds (0 … 3, see `_KINDS`), with changed parameters. With `infinite`,
+    some of the changed parameters are ∞.
+    """
     count = len(kinds)
     numbers = np.zeros((count, steps.size), steps.dtype)
     for member, places in steps.members():
@@ -87,9 +92,8 @@ def _numbers(
 
 
 def _parameters(trained: Array, count: int, random: np.random.Generator) -> Array:
-    """Changed parameters: 0, near 0, of any magnitude, or similar to the trained value.
-
-    In every second step only a few parameters change.
+    """`count` rows of parameters, (count, len(trained)): some replaced by 0, a value near 0, one of
+    any magnitude, or one similar to the trained value. In every second row only a few are replaced.
     """
     shape = count, len(trained)
     values = np.choose(
@@ -108,7 +112,9 @@ def _parameters(trained: Array, count: int, random: np.random.Generator) -> Arra
 
 
 def _within(values: Array, bounds: tuple[Array, Array]) -> Array:
-    """Mirrors values outside a bound at that bound."""
+    """The values with those outside a bound (low, high) mirrored at it, and clipped if they leave
+    the other bound then.
+    """
     low, high = bounds
     with np.errstate(invalid="ignore"):  # of infinite bounds, where nothing is beyond
         mirrored = np.where(values < low, 2 * low - values, 2 * high - values)

@@ -37,7 +37,9 @@ _LARGEST = 8000
 
 @dataclass(frozen=True, slots=True)
 class GoldenSingles:
-    """Independent single steps."""
+    """Golden vectors of independent single steps, each with its own start, states and
+    parameters.
+    """
 
     starts: list[int]
     """Index of the run start that `reset` receives before each step."""
@@ -61,9 +63,9 @@ def golden_singles(
     starts: Sequence[GoldenStart],
     seed: int,
 ) -> GoldenSingles | None:
-    """Steps that detect errors which plain golden steps miss; None if there are none.
-
-    Also None for a large step, which only golden runs test.
+    """Searches steps that detect errors of C which random golden steps miss. `starts` are those of
+    golden runs, from which the steps begin; `weights` are physical arrays by name. None if there
+    are no such steps, and for a large program, which only golden runs test.
     """
     steps = TrialSteps(program, interface, weights, starts)
     if steps.computed > _LARGEST:
@@ -114,7 +116,9 @@ def golden_singles(
 
 
 def _input_bits(interface: Interface, inputs: Mapping[str, Array]) -> StatusBit:
-    """The status bits of the input policies, which replace nothing here."""
+    """The status bits that the policies set for one step's inputs, by name. Policies replace none
+    of these.
+    """
     bits = StatusBit(0)
     for input in interface.inputs:
         name, dtype = input.field.name, interface.options.dtype
@@ -145,10 +149,10 @@ _MOST = 128
 def telling_steps(
     steps: TrialSteps, decisions: Decisions, seed: int
 ) -> tuple[list[Trials], list[Trials]]:
-    """The chosen steps: those with a single infinite Jacobian entry, and all others.
-
-    The others lie next to limits, on both sides of decisions, or detect a changed operand that few
-    plain steps and no earlier chosen step detect.
+    """The chosen steps: those at which a single Jacobian entry is infinite, and all others. The
+    others lie next to limits, on both sides of decisions, or detect a changed operand that few
+    random steps and no earlier chosen step detect. Each list has at most `_MOST` elements, which
+    are single steps.
     """
     random = np.random.Generator(np.random.Philox(seed))
     drawn = drawn_trials(steps, random)
@@ -196,10 +200,9 @@ def telling_steps(
 def _rare(
     plain: Trials, changes: list[tuple[int, Change]], steps: TrialSteps
 ) -> list[tuple[int, Change]]:
-    """The changes that few plain steps detect.
-
-    Most changes are detected by nearly all steps; once detected often enough, they are not
-    evaluated further.
+    """The changes that fewer than `_RARE` of the steps `plain` detect. Most changes are detected by
+    nearly all steps; once detected often enough, they are not evaluated further. A change is paired
+    with 0 (step) or 1 (Jacobian).
     """
     counts, open = np.zeros(len(changes), np.int64), np.arange(len(changes))
     for rows in np.split(np.arange(len(plain)), range(_ASKED, len(plain), _ASKED)):
@@ -212,7 +215,9 @@ def _rare(
 def _choose(
     part: Trials, left: list[tuple[int, Change]], steps: TrialSteps, chosen: list[Trials]
 ) -> list[tuple[int, Change]]:
-    """Adds the steps of a part that detect changes to `chosen`; returns the undetected changes."""
+    """Adds a few steps of `part` that detect the changes in `left` to the list `chosen`; returns
+    the changes that no step of `part` detects.
+    """
     seen = steps.seen(part, left)
     chosen += [part.of(np.array([row])) for row in _cover(seen)]
     return [left[k] for k in np.flatnonzero(seen.sum(axis=0) == 0)]
@@ -221,10 +226,10 @@ def _choose(
 def _both_sides(
     beside: Boundaries, outcomes: Callable[[Trials], Outcomes], steps: TrialSteps
 ) -> list[Trials]:
-    """Pairs of close steps between which each decision changes.
-
-    They have trained parameters and finite results. They also test decisions that C makes
-    differently, such as the interval of a table.
+    """Pairs of close steps from `beside`, one below and one above the change of a decision;
+    together they cover all decisions that change. `outcomes` gives the decisions of steps (B,
+    decisions). The pairs have trained parameters and finite results. They also test decisions that
+    C makes differently, such as the interval of a table.
     """
     if not len(beside.below):
         return []
@@ -240,9 +245,9 @@ def _both_sides(
 
 
 def _at_limits(trials: Trials, decisions: Decisions, steps: TrialSteps) -> list[Trials]:
-    """For each limit of a checked element, the closest steps on both sides.
-
-    All other elements are in range, because one status bit covers all elements.
+    """For each limit of a checked element, those of the steps `trials` that are closest on each
+    side, if closer than `_LIMIT`. All other elements are in range, because one status bit covers
+    all elements.
     """
     rows: dict[int, None] = {}
     for beyond, only in decisions.reports(steps.run(trials), len(trials)):
@@ -254,7 +259,9 @@ def _at_limits(trials: Trials, decisions: Decisions, steps: TrialSteps) -> list[
 
 
 def _cover(seen: NDArray[np.bool_]) -> list[int]:
-    """A small set of rows that together cover all columns, chosen greedily."""
+    """Indices of a small set of rows of a mask, chosen greedily: each column that is True in some
+    row is True in one of these.
+    """
     rows: list[int] = []
     open = seen.copy()
     while open.any():

@@ -30,12 +30,12 @@ _FARTHEST = 2000.0
 def slopes_apart(
     steps: TrialSteps, decisions: Decisions, slopes: Sequence[int], random: np.random.Generator
 ) -> list[Trials]:
-    """For each of these Jacobian entries, the step closest to making it the only infinite one.
-
-    In float32 an infinite entry does not show its distance from the largest float, so entries are
-    computed in float64. The distance of a step is a sum, in powers of 2. It adds the excess of all
-    other entries over the largest float32, the shortfall of the entry itself, and 1 for each entry
-    with the wrong outcome in float32. Random moves reduce the distance.
+    """For each Jacobian entry with an index in `slopes`, the step found that is closest to making
+    it the only infinite one. Empty in float64. In float32 an infinite entry does not show its
+    distance from the largest float, so entries are computed in float64. The distance of a step is a
+    sum, in powers of 2: the excess of all other entries over the largest float32, the shortfall of
+    the entry itself, and 1 for each entry with the wrong outcome in float32. Random moves reduce
+    it.
     """
     # float64 has no wider twin that could say how far beyond the largest number a slope is
     if not slopes or steps.dtype != np.float32:
@@ -61,7 +61,10 @@ class _Approach:
         self._largest = np.log2(float(np.finfo(steps.dtype).max))
 
     def brought(self, slope: int, rounds: int, copies: int) -> tuple[Trials, float]:
-        """The closest step found, and its distance."""
+        """The closest step found to one at which only the Jacobian entry `slope` is infinite, and
+        its distance in powers of 2 (defined in `slopes_apart`). Each of `rounds` rounds tries
+        `copies` random changes of each step.
+        """
         steps, random = self._steps, self._random
         drawn = trials_of_kinds(steps, np.arange(_DRAWN_FINITE) % 4, random)
         # the twin judges distances, and of NaN and ∞ there is none
@@ -91,7 +94,10 @@ class _Approach:
         return current.of(np.array([nearest])), float(left[nearest])
 
     def _far(self, trials: Trials, slope: int, below: Array) -> Array:
-        """The distance of each step; it is exact only where it is smaller than `below`."""
+        """The distance (B,) of each step from one at which only the Jacobian entry `slope` is
+        infinite, in powers of 2 (defined in `slopes_apart`). It is exact only where it is smaller
+        than `below` (B,).
+        """
         wide = Trials(trials.starts, trials.numbers.astype(np.float64))
         slopes = self._decisions.doubtful(self._twin.run(wide), len(wide))
         with np.errstate(divide="ignore"):
@@ -120,11 +126,10 @@ _OTHERS = (1.5, 3.0, 6.0)
 def slopes_alone(
     steps: TrialSteps, decisions: Decisions, random: np.random.Generator
 ) -> list[Trials]:
-    """For each Jacobian entry, the simplest found step at which only this entry is infinite.
-
-    Entries without such a step are omitted. The parameters are for `linearize`; the step itself
-    uses the trained ones. The search keeps for each entry the step with the fewest other infinite
-    entries, and mutates it.
+    """For each Jacobian entry that can be infinite, the simplest step found at which only this
+    entry is infinite. Entries without such a step are omitted. Changed parameters are for
+    `linearize`; the step itself uses the trained ones. The search keeps for each entry the step
+    with the fewest other infinite entries, and mutates it.
     """
     found = _DrawnSearch(steps, decisions)
     found.look(trials_of_kinds(steps, np.arange(_DRAWN) % 4, random, infinite=True))
@@ -180,7 +185,9 @@ class _DrawnSearch:
                     self.others[slope] = int(others[row, slope])
 
     def alone(self, trials: Trials) -> Array:
-        """The absolute values of entries that alone are infinite or NaN, else 0, (B, entries)."""
+        """The absolute values (B, entries) of the Jacobian entries that can be infinite: those that
+        are infinite or NaN while no other is; 0 for all others.
+        """
         sizes = self._sizes(trials)
         endless = ~np.isfinite(sizes)
         return np.where(endless & (endless.sum(axis=1) == 1)[:, np.newaxis], np.abs(sizes), 0.0)

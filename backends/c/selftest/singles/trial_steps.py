@@ -28,9 +28,8 @@ own copy."""
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """B single steps: for each the index of its start, and a row of overwritten values.
-
-    A row has states, inputs and parameters; `TrialSteps` knows their positions.
+    """B single steps: for each the index of its start, and a row of values that overwrite it. A row
+    has written states, then inputs, then changeable parameters; `TrialSteps` knows their positions.
     """
 
     starts: NDArray[np.int64]
@@ -39,7 +38,7 @@ class Trials:
     """Values of written states, inputs and parameters, (B, size)."""
 
     def of(self, rows: Array) -> Trials:
-        """The steps with these indices."""
+        """The steps with these indices, or those at which a mask is True."""
         return Trials(self.starts[rows], self.numbers[rows])
 
     def __len__(self) -> int:
@@ -47,7 +46,7 @@ class Trials:
 
 
 def joined_trials(parts: Iterable[Trials]) -> Trials:
-    """All steps of the parts, in order."""
+    """The steps of all parts, one after the other."""
     every = [*parts]
     return Trials(
         np.concatenate([part.starts for part in every]),
@@ -57,7 +56,7 @@ def joined_trials(parts: Iterable[Trials]) -> Trials:
 
 @dataclass(frozen=True, slots=True)
 class TrialValues:
-    """The results of B steps; each value is computed on first use."""
+    """The results of B steps; each value is computed when it is first read."""
 
     program: Program
     count: int
@@ -84,7 +83,10 @@ class TrialValues:
 
 
 class TrialSteps:
-    """A program prepared for trials, and the positions of its values in a row."""
+    """A program prepared for computing many single steps at once, and the positions of states,
+    inputs and parameters in a row of `Trials.numbers`. `starts` are golden starts, from which steps
+    begin.
+    """
 
     def __init__(
         self,
@@ -144,7 +146,7 @@ class TrialSteps:
             self._shown.append((changeable, [*dict.fromkeys(roots)]))
 
     def in_float64(self) -> TrialSteps:
-        """The same steps, computed in float64."""
+        """The same program and starts, computed in float64."""
         program, weights, starts = self._given
         # it tells how far a step is from its aim, not what the C answers
         options = replace(self.interface.options, dtype="float64")
@@ -152,11 +154,13 @@ class TrialSteps:
 
     @property
     def computed(self) -> int:
-        """The number of elements that a step and its Jacobian compute."""
+        """The number of elements that one step and its Jacobian compute."""
         return sum(graph.size for graph, _ in self._shown)
 
     def members(self) -> Iterator[tuple[State | InputField, slice]]:
-        """The written states and the inputs, with their positions in a row."""
+        """The written states and the inputs, each with its positions in a row of
+        `Trials.numbers`.
+        """
         states = {state.name: state for state in self.program.states}
         inputs = {input.field.name: input for input in self.interface.inputs}
         for name in [*self.written_names, *inputs]:
@@ -164,7 +168,7 @@ class TrialSteps:
 
     @property
     def tuned(self) -> slice:
-        """The positions of the parameters in a row."""
+        """The positions of the changeable parameters in a row of `Trials.numbers`."""
         return slice(self.size - len(self.trained), self.size)
 
     def _bounds_of_tuned(self) -> tuple[Array, Array]:
@@ -181,19 +185,23 @@ class TrialSteps:
         return low, high
 
     def inputs(self, trials: Trials) -> dict[str, Array]:
-        """Inputs by name, (B, *shape)."""
+        """The inputs of the trials by name, (B, *shape)."""
         return {i.field.name: self._part(trials, i.field.name) for i in self.interface.inputs}
 
     def written(self, trials: Trials) -> dict[str, Array]:
-        """The states that the test program writes, by name, (B, *shape)."""
+        """The states of the trials that the test program writes before the step, by name, (B,
+        *shape).
+        """
         return {name: self._part(trials, name) for name in self.written_names}
 
     def begun(self, trials: Trials) -> dict[str, Array]:
-        """All states after `reset`, by name, (B, *shape)."""
+        """The states after `reset` with the start of each trial, by name, (B, *shape); without the
+        written values.
+        """
         return {name: values[trials.starts] for name, values in self._begun.items()}
 
     def run(self, trials: Trials) -> TrialValues:
-        """Runs the interpreter on the trials, without input policies."""
+        """The interpreter's results of the steps. Input policies are not applied."""
         around, parameters = self._around(trials), self._parameters(trials)
         return TrialValues(
             program=self.program,
@@ -203,7 +211,9 @@ class TrialSteps:
         )
 
     def matrices(self, trials: Trials) -> dict[str, Array]:
-        """The matrices of the Jacobian by name, (B, rows, columns); empty without a Jacobian."""
+        """The matrices of the Jacobian at each step by name, (B, rows, columns); empty without a
+        Jacobian.
+        """
         count, nodes = len(trials), self.run(trials).slopes
         return {
             matrix.name: matrix.filled(
@@ -213,23 +223,24 @@ class TrialSteps:
         }
 
     def with_trained(self, trials: Trials) -> Trials:
-        """The same steps with the trained parameters."""
+        """A copy of the steps in which all parameters have their trained values."""
         numbers = trials.numbers.copy()
         # a copy above: trials are shared between searches
         numbers[:, self.tuned] = self.trained
         return Trials(trials.starts, numbers)
 
     def changes(self) -> list[tuple[int, Change]]:
-        """Every change of an operand, with 0 for a change in the step and 1 in the Jacobian."""
+        """Every change of an operand that is tried, each with 0 for the graph of the step or 1 for
+        the Jacobian.
+        """
         return [(g, c) for g, (graph, _) in enumerate(self._shown) for c in graph.changes()]
 
     def seen(
         self, trials: Trials, changes: Sequence[tuple[int, Change]], *, states: bool = True
     ) -> NDArray[np.bool_]:
-        """True where the comparison after a single step detects a change, (B, changes).
-
-        Without `states`, only values are compared that are also compared after each step of a
-        golden run.
+        """A mask (B, changes): True where the results of a step with the change (an element of
+        `changes`) differ from the correct ones. Without `states`, only outputs and the Jacobian are
+        compared, as after each step of a golden run.
         """
         count = len(trials)
         found = np.zeros((count, len(changes)), np.bool_)
@@ -271,7 +282,9 @@ class TrialSteps:
         return LeafValues(log, t, self.begun(trials) | self.written(trials))
 
     def _parameters(self, trials: Trials) -> dict[str, Array]:
-        """The parameters that differ from the trained ones in some step, (B, *shape)."""
+        """The parameters by name that differ from the trained ones in at least one step, (B,
+        *shape).
+        """
         found = {field.name: self._part(trials, field.name) for field in self._tuned}
         # parameters that no trial changes stay one array for the whole batch
         other = np.any(trials.numbers[:, self.tuned] != self.trained, axis=0)

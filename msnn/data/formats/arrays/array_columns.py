@@ -57,6 +57,8 @@ class NamedArrays:
     """Units that the file states for an array, apart from the array's name."""
     packing: Callable[[str], Mapping[str, Any]] = _no_packing
     """The attributes for unpacking an array, such as `scale_factor`."""
+    applied: str = ""
+    """The scaling that `get` has applied, for messages."""
     other_names: Sequence[str] = ()
     other_units: Callable[[], Sequence[str]] = tuple
     """Names and units of the file's other arrays, which show if the file uses lower-case
@@ -94,8 +96,8 @@ class NamedArrays:
                 units[key] = unit
             try:
                 packing = self.packing(name)
-                array = unpacked(self.get(name), packing)
-                if text := scaling(packing):
+                array = unpacked(_without_marked(self.get(name), wanted.missing.get(key)), packing)
+                if text := self.applied or scaling(packing):
                     packed[key] = text
             except PackingError as error:
                 faults.append(data_formats.unusable_array(str(key), self.file, user, str(error)))
@@ -194,6 +196,18 @@ def value_faults(
         row, more = int(np.argmax(infinite)), int(infinite.sum()) - 1
         faults.append(cell_errors.infinite_value(file, row, str(key), "inf", more, None))
     return faults
+
+
+def _without_marked(array: NDArray[Any], marks: frozenset[str] | None) -> NDArray[Any]:
+    """The array of objects with NaN for texts that mark a missing value, if all others are
+    numbers.
+    """
+    if not marks or array.dtype.kind != "O" or array.ndim != 1:
+        return array
+    texts = [isinstance(cell, str) and cell.strip().lower() in marks for cell in array]
+    cells = [np.nan if marked else cell for cell, marked in zip(array, texts, strict=True)]
+    is_numeric = all(isinstance(cell, int | float | np.number) for cell in cells)
+    return np.array(cells, np.float64) if is_numeric else array
 
 
 def _column(array: NDArray[Any], index: int | None) -> tuple[FloatArray | None, str]:

@@ -66,8 +66,8 @@ def read_datasets(
             arrays = NamedArrays(shown, tuple(names), get, unit_texts=units, packing=packing)
             return arrays.table(wanted)
     # what h5py raises for broken files, one for each layer of the C library
-    except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
+    except (OSError, RuntimeError, KeyError, TypeError) as error:
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
 
 
 def _datasets(file: Any) -> dict[str, Any]:

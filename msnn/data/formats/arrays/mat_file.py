@@ -37,10 +37,10 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
         found = loadmat(path, mat_dtype=False, squeeze_me=False, struct_as_record=True)
     except (
         # scipy parses without checking: broken files show as whatever came first
-        *(OSError, ValueError, TypeError, NotImplementedError, MemoryError, IndexError, KeyError),
+        *(OSError, ValueError, TypeError, NotImplementedError, IndexError, KeyError),
         *(MatReadError, struct.error, zlib.error),
     ) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
     arrays = dict(_variables("", {n: v for n, v in found.items() if not n.startswith("__")}))
     get = arrays.__getitem__
     units = partial(unit_beside, arrays, get=get)

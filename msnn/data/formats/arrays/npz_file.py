@@ -58,4 +58,4 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
             units = partial(unit_beside, names, get=array)
             return NamedArrays(shown, names, array, unit_texts=units).table(wanted)
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error

@@ -38,7 +38,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     # for whoever watches this process: arrow opens it in C++
     sys.audit("open", path, "rb", os.O_RDONLY)
     try:
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             # a repeated value takes almost no space in the file, but 8 bytes per row in memory
             refuse_unpacking(path, shown, 8 * file.metadata.num_rows * len(wanted.users))
             names = tuple(str(name) for name in file.schema_arrow.names)
@@ -53,11 +53,20 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
             )
             return arrays.table(wanted)
     except (OSError, ValueError, arrow.ArrowException) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
 
 
 def _array(file: Any, name: str) -> NDArray[Any]:
-    return as_array(file.read([name]).column(0))
+    # a group of rows at a time: arrow's own memory for a whole column is as large as the column
+    groups = [
+        as_array(file.read_row_group(group, [name]).column(0))
+        for group in range(file.num_row_groups)
+    ]
+    # numpy's memory, also of a single group: arrow keeps its own for later reads
+    array = np.concatenate(groups) if groups else as_array(file.read([name]).column(0))
+    groups.clear()
+    arrow.default_memory_pool().release_unused()
+    return array
 
 
 def zoned_columns(schema: Any) -> frozenset[str]:

@@ -36,7 +36,11 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
     try:
         source = dataset.dataset(
             str(path.absolute()),
-            format="parquet",
+            format=dataset.ParquetFileFormat(
+                default_fragment_scan_options=dataset.ParquetFragmentScanOptions(
+                    page_checksum_verification=True
+                )
+            ),
             # of a lone file the folders above are not read unless asked for
             partitioning=dataset.partitioning(flavor="hive"),
         )
@@ -46,7 +50,7 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
         for group in fragment.row_groups:
             refuse_unpacking(path, shown, 8 * int(group.num_rows))
     except (OSError, ValueError, arrow.ArrowException) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
     names = tuple(str(name) for name in source.schema.names)
     zoned = zoned_columns(source.schema)
     units = partial(units_of_field, source.schema)

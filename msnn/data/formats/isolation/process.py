@@ -14,14 +14,12 @@ from typing import IO, TypeAlias
 from msnn.data.formats.isolation.message import ReadRequest, read_message, write_message
 from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
-from msnn.errors.data.files import unreadable_file
+from msnn.errors.data.files import reason_of, unreadable_file
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.errors.plugins import TRACEBACKS
 
 Reader: TypeAlias = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | Streams]
 """(path, its name in messages, requested columns, text layout) → columns; raises SpecError."""
-
-_LONGEST_REASON = 200
-"""Maximum number of characters of a library's error message."""
 
 
 def serve() -> None:
@@ -44,13 +42,16 @@ def _next(requests: IO[bytes]) -> ReadRequest | None:
 
 
 def _answer(request: ReadRequest) -> object:
+    # the limits of the file before: libraries need more than a small file may take
+    _limit(None, None)
     read = import_module(request.of).read if isinstance(request.of, str) else request.of
+    TRACEBACKS.clear()
     # after the import: what the reader itself takes is no fault of the file
     _limit(request.memory, request.seconds)
     try:
         return _read(read, request)
     except SpecError as error:
-        return error.diagnostics
+        return (*error.diagnostics, *TRACEBACKS)
 
 
 def _read(read: Reader, request: ReadRequest) -> ColumnTable | Streams:
@@ -58,26 +59,33 @@ def _read(read: Reader, request: ReadRequest) -> ColumnTable | Streams:
         return read(request.path, request.shown, request.wanted, request.dialect)
     except SpecError:
         raise
+    except MemoryError as error:
+        # no repair: the file may be whole
+        reason = f"reading it takes more than {request.memory // 1_000_000} MB of memory"
+        raise SpecError((unreadable_file(request.shown, reason),)) from error
     except Exception as error:
-        # parsers do not check what they read: broken files show as whatever came first
-        reason = (str(error).splitlines() or [""])[0][:_LONGEST_REASON] or "it is broken"
+        reason = reason_of(error, request.path)
         raise SpecError((unreadable_file(request.shown, reason),)) from error
 
 
-def _limit(memory: int, seconds: int) -> None:
+def _limit(memory: int | None, seconds: int | None) -> None:
+    """Limits what the process takes from now on; None is no limit."""
     try:
         import resource
     # Windows
     except ImportError:
         return
     used = resource.getrusage(resource.RUSAGE_SELF)
+    time = int(used.ru_utime + used.ru_stime) + 1
     limits = {
-        resource.RLIMIT_AS: _address_space() + memory,
-        resource.RLIMIT_CPU: int(used.ru_utime + used.ru_stime) + 1 + seconds,
+        resource.RLIMIT_AS: None if memory is None else _address_space() + memory,
+        resource.RLIMIT_CPU: None if seconds is None else time + seconds,
     }
     for kind, limit in limits.items():
         hard = resource.getrlimit(kind)[1]
-        soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+        soft = hard
+        if limit is not None:
+            soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
         # macOS knows RLIMIT_AS and refuses it
         with suppress(ValueError, OSError):
             resource.setrlimit(kind, (soft, hard))

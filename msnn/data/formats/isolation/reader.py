@@ -11,8 +11,8 @@ import sys
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from threading import Lock
-from typing import Any
+from threading import Event, Lock, Timer
+from typing import Any, cast
 
 from msnn.data.formats.isolation.message import ReadRequest, read_message, write_message
 from msnn.data.formats.isolation.process import Reader
@@ -20,16 +20,19 @@ from msnn.data.formats.plugin_file import PluginReader
 from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file
-from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.errors.plugins import TRACEBACKS
 
-_MEMORY = 1 << 30
+_MEMORY = 500_000_000
 _TIMES_SIZE = 64
 """Memory limit of a file: a constant plus a multiple of its size; real logs compress at most
 20:1.
 """
-_SECONDS = 20
+_SECONDS = 5
 _PER_SECOND = 1_000_000
 """Processor time limit of a file: a constant, plus one second per this many bytes."""
+_TIMES_SECONDS = 20
+"""Limit of the elapsed time, in limits of processor time: a reader may wait without using any."""
 
 _PIPE = 1 << 20
 """Buffer size of a pipe in bytes: the maximum that Linux allows an ordinary process."""
@@ -64,10 +67,12 @@ def isolated(of: str | PluginReader) -> Reader:
             memory=_MEMORY + _TIMES_SIZE * size,
             seconds=_SECONDS + size // _PER_SECOND,
         )
-        found = _readers(os.getpid()).answer(request)
+        found: object = _readers(os.getpid()).answer(request)
         if isinstance(found, tuple):
-            raise SpecError(found)
-        return found
+            told = cast("tuple[object, ...]", found)
+            TRACEBACKS.extend(each for each in told if isinstance(each, str))
+            raise SpecError(each for each in told if isinstance(each, Diagnostic))
+        return cast("ColumnTable | Streams", found)
 
     return read
 
@@ -85,12 +90,23 @@ class _Readers:
             process = self._process = self._process or _started()
             assert process.stdin is not None
             assert process.stdout is not None
+            waited, longest = Event(), _TIMES_SECONDS * request.seconds
+
+            def give_up() -> None:
+                waited.set()
+                process.kill()
+
+            limit = Timer(longest, give_up)
+            limit.daemon = True
+            limit.start()
             try:
                 write_message(process.stdin, request)
                 return read_message(process.stdout)
             except (EOFError, OSError):
                 code = self._ended(process)
                 reason = _reason(code, request)
+                if waited.is_set():
+                    reason = f"reading it takes more than {longest} s"
                 repair = "open it with the program that wrote it, and write it again from there"
                 fault = unreadable_file(request.shown, reason, repair)
                 if isinstance(of := request.of, PluginReader):
@@ -100,6 +116,8 @@ class _Readers:
             except BaseException:
                 self._ended(process)
                 raise
+            finally:
+                limit.cancel()
 
     def _ended(self, process: subprocess.Popen[bytes]) -> int:
         self._process = None
@@ -108,7 +126,8 @@ class _Readers:
                 with suppress(OSError):
                     pipe.close()
         with suppress(subprocess.TimeoutExpired):
-            return process.wait(timeout=1)
+            # the system may write down the memory of one that crashed
+            return process.wait(timeout=5)
         process.kill()
         return process.wait()
 

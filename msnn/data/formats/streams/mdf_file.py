@@ -22,7 +22,8 @@ from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
 from msnn.errors.data import rows
-from spec_schema.diagnostics.diagnostic import SpecError
+from msnn.errors.data.files import unread_part
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 # it prints lines of its own beside the message of the command
 logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
@@ -49,9 +50,24 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
                 found = _channel(file, shown, key)
                 return found if found is None or times is None else (times(key), found[1])
 
-            return replace(stream_columns(shown, wanted, names, find), time_units=units)
-    except (OSError, MdfException, ValueError, IndexError, MemoryError) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
+            streams = stream_columns(shown, wanted, names, find)
+            return replace(streams, time_units=units, warnings=_short_groups(file, shown))
+    except (OSError, MdfException, ValueError, IndexError) as error:
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
+
+
+def _short_groups(file: Any, shown: str) -> tuple[Diagnostic, ...]:
+    """Warnings about groups whose data end before the number of records that they state."""
+    found: list[Diagnostic] = []
+    for number, group in enumerate(file.groups):
+        about = group.channel_group
+        size = about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0)
+        stored = sum(block.original_size for block in group.get_data_blocks())
+        # records of unsorted groups have sizes of their own
+        if group.sorted and size and stored < size * about.cycles_nr:
+            reason = f"group {number} states {about.cycles_nr} records, its data have "
+            found.append(unread_part(shown, f"{reason}{stored // size}"))
+    return tuple(found)
 
 
 def _names(file: Any) -> list[str]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from sqlite3 import connect
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -98,6 +100,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
     # the types of a bag without definitions of its own, as old ROS 2 recorders leave it
     types = get_typestore(Stores.LATEST)
     try:
+        _check_database(path)
         with AnyReader([path], default_typestore=types) as bag:
             topics = tuple(dict.fromkeys(connection.topic for connection in bag.connections))
             keys = [str(key) for key in wanted.users]
@@ -105,9 +108,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
             begin: Moment | None = Moment(bag.start_time, has_zone=True)
             if wanted.time is not None and channels:
                 begin = _set_clocks(bag, channels, topics, wanted.time, shown)
-            _fill(bag, channels, 0 if begin is None else begin.nanoseconds)
+            _fill(bag, channels, 0 if begin is None else begin.nanoseconds, shown)
     except (OSError, AnyReaderError, TypesysError, ValueError, struct.error, KeyError) as error:
-        raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
+        raise SpecError((errors.unreadable_file(shown, errors.reason_of(error, path)),)) from error
     # a field that the message does not have, or an index into what is no list
     except (AttributeError, TypeError, IndexError) as error:
         reason = f"a message has no such field: {error}"
@@ -123,6 +126,17 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         return np.array(channel.time), arrays
 
     return replace(stream_columns(shown, wanted, topics, find), begins=begin)
+
+
+def _check_database(path: Path) -> None:
+    """Raises ValueError if a database has damaged pages, of which SQLite may pass over rows."""
+    if path.suffix.lower() != ".db3" or not path.is_file():
+        return
+    # no file is written beside it
+    with closing(connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
+        ((found,),) = base.execute("PRAGMA integrity_check(1)").fetchall()
+    if found != "ok":
+        raise ValueError(found)
 
 
 def _set_clocks(
@@ -199,12 +213,19 @@ def _split(key: str, topics: Sequence[str]) -> tuple[str | None, _Path | None]:
     return topic, tuple(path)
 
 
-def _fill(bag: AnyReader, channels: dict[str, _Channel], begin: int) -> None:
+def _fill(bag: AnyReader, channels: dict[str, _Channel], begin: int, shown: str) -> None:
     topics = {channel.topic for channel in channels.values()}
     # other topics are not decoded: images make up most of a bag
     connections = [c for c in bag.connections if c.topic in topics]
+    found = 0
     for connection, nanoseconds, raw in bag.messages(connections) if connections else ():
+        found += 1
         message = bag.deserialize(raw, connection.msgtype)
         for channel in channels.values():
             if channel.topic == connection.topic:
                 channel.take(nanoseconds, begin, message)
+    # rosbags passes over damaged records; a bag may state no numbers
+    stated = sum(connection.msgcount for connection in connections)
+    if stated not in (0, found):
+        reason = f"it is damaged: it states {stated} messages of these topics, and has {found}"
+        raise SpecError((errors.unreadable_file(shown, reason),))

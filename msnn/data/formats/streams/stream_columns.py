@@ -24,6 +24,7 @@ def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find:
     missing: dict[str, str] = {}
     columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {}
     units: dict[ColumnKey, StatedUnit] = {}
+    packed: dict[ColumnKey, str] = {}
     for key, user in wanted.users.items():
         name = key if isinstance(key, str) else names[key] if key < len(names) else None
         try:
@@ -35,14 +36,17 @@ def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find:
             time, values = found
             # each stream is a table of one column, with the rules of tables
             optional = frozenset({name}) if key in wanted.optional else frozenset[ColumnKey]()
-            table = values.table(WantedColumns({name: user}, optional))
+            marks: dict[ColumnKey, frozenset[str]] = {name: wanted.missing.get(key, frozenset())}
+            table = values.table(WantedColumns({name: user}, optional, missing=marks))
             columns[key] = (time, table.columns[name])
             if name in table.units:
                 units[key] = table.units[name]
+            if name in table.packed:
+                packed[key] = table.packed[name]
         except SpecError as error:
             faults += error.diagnostics
     if missing:
         faults.append(errors.missing_columns(missing, file, names, None, numbers=False))
     if faults:
         raise SpecError(faults)
-    return Streams(columns, units)
+    return Streams(columns, units, packed=packed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -31,9 +32,10 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.moments import FARTHEST, Moment
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit
+from spec_schema.yaml_tree.writer import scalar_text
 
 _UNITS = ("unit_string", "NI_UnitDescription")
-"""Properties of LabVIEW with the unit of a channel; the first that is not empty counts."""
+"""Properties of LabVIEW with the unit of a channel."""
 _START, _STEP, _OFFSET, _ABSCISSA = (
     *("wf_start_time", "wf_increment", "wf_start_offset"),
     "wf_xunit_string",
@@ -48,9 +50,14 @@ _UNTIL_1970 = 2_082_844_800
 _SECOND = parse_unit("s")
 _CUT = ("Last segment of file has less data", "Last segment metadata is incomplete")
 _PART_OF_CHUNK = "is not a multiple of the chunk size"
+_OF_SCALES = ("NI_Scale", "NI_Number_Of_Scales")
+"""Beginnings of the names of properties that scale values."""
+_SCALE = re.compile(r"(NI_Scale\[\d+\])_Scale_Type")
 _TEXTS = "Error decoding string"
 """Beginnings of npTDMS's warnings; with a text that is not UTF-8 nothing else is wrong."""
 _UNSCALED = "Unsupported scale type"
+_LINEAR = ("Linear_Slope", 1.0), ("Linear_Y_Intercept", 0.0)
+"""Properties of a linear scale, and values with which it changes nothing."""
 
 
 class _Messages(logging.Handler):
@@ -133,7 +140,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
             file = _File(handle, raw_timestamps=True, read_metadata_only=True, keep_open=True)
         # npTDMS does not check what it unpacks, nor the numbers of types
         except (KeyError, struct.error) as error:
-            what = "a type of data is unknown" if isinstance(error, KeyError) else str(error)
+            what = "its description of channels ends early"
+            if isinstance(error, KeyError):
+                what = "a type of data is unknown"
             fault = errors.unreadable_file(shown, f"it is damaged: {what}")
             raise SpecError((fault,)) from error
         is_cut = _is_cut(file.end, path.stat().st_size, messages.texts, shown)
@@ -146,7 +155,8 @@ def _is_cut(end: int, size: int, texts: Sequence[str], shown: str) -> bool:
     """True if the last segment is not complete; SpecError for what npTDMS only warns of."""
     is_cut = any(text.startswith(_CUT) for text in texts)
     expected = [*_CUT, _TEXTS] + ([_PART_OF_CHUNK] if is_cut else [])
-    reason = next((t for t in texts if not any(known in t for known in expected)), None)
+    found = next((t for t in texts if not any(known in t for known in expected)), None)
+    reason = None if found is None else f"it is damaged (npTDMS: {found})"
     if reason is None and end == 0:
         reason = "it has no complete segment"
     if reason is not None:
@@ -213,7 +223,7 @@ class _Channels:
             columns = {key: values[:count] for key, values in columns.items()}
         if faults := length_faults(self._shown, columns):
             raise SpecError(faults)
-        return ColumnTable(columns=columns, units=streams.units)
+        return ColumnTable(columns=columns, units=streams.units, packed=streams.packed)
 
     def _clocks_of_wanted(self, sources: Sequence[Any]) -> dict[str, _Clock | PackingError | None]:
         clocks: dict[str, _Clock | PackingError | None] = {}
@@ -236,15 +246,13 @@ class _Channels:
         """The times of a channel; None if the file has none."""
         column = self._wanted.time
         if column is None:
-            clock = self._waveform(channel)
-            stamps = self._only_dates(channel.group_name)
-            if clock is None and stamps is not None and self._fits(stamps, channel):
-                clock = self._dates(stamps, len(channel))
-            return clock
+            return self._own_clock(channel)
         source = next((s for s in sources if s.group_name == channel.group_name), None)
         if source is None:
             name, place = str(column.column), column.place
-            other = rows.time_of_another_group(name, self._shown, channel.name, place)
+            other = rows.time_of_another_group(
+                name, self._shown, channel.name, place, keeps_time=self._all_have_times()
+            )
             raise SpecError((other,))
         if not self._fits(source, channel):
             count = f"it has {len(channel)} values and its time `{source.name}` has {len(source)}"
@@ -255,6 +263,28 @@ class _Channels:
                 raise SpecError((unit_of_moments(source.name, text, column.unit.span),))
             return self._dates(source, len(channel))
         return self._numbers(source, key, len(channel))
+
+    def _own_clock(self, channel: Any) -> _Clock | None:
+        """The times of a channel without `time:`: of its waveform, else the dates of its group."""
+        clock = self._waveform(channel)
+        dates = self._dates_of.get(channel.group_name, ())
+        stamps = [found for found in dates if self._fits(found, channel)]
+        if clock is not None or not stamps:
+            return clock
+        if len(dates) > 1:
+            names = rows.listed([f"`{found.name}`" for found in dates])
+            repair = f"name its time, `time: {scalar_text(stamps[0].name, in_flow=True)}`"
+            raise PackingError(f"its group has several channels of dates, {names}: {repair}")
+        return self._dates(stamps[0], len(channel))
+
+    def _all_have_times(self) -> bool:
+        """True if each channel that is read has times without `time:`."""
+        keys = [self._names[k] if isinstance(k, int) else k for k in self._wanted.users]
+        channels = [channel for key in keys for channel in self._places(key)]
+        try:
+            return all(self._own_clock(channel) is not None for channel in channels)
+        except PackingError:
+            return False
 
     def _fits(self, times: Any, channel: Any) -> bool:
         """True if a channel has a time for each value; a file that is cut off may have more."""
@@ -280,11 +310,6 @@ class _Channels:
         scale = float(unit.line_to(_SECOND).factor)
         seconds = scale * (offset + step * np.arange(len(channel)))
         return _Clock(seconds, start)
-
-    def _only_dates(self, group: str) -> Any:
-        """The channel of dates of a group; None if it has none or several."""
-        found = self._dates_of.get(group, ())
-        return found[0] if len(found) == 1 else None
 
     def _dates(self, channel: Any, count: int) -> _Clock:
         stamps = channel[:count]
@@ -365,6 +390,7 @@ class _Channels:
             unit_texts=lambda _: _unit_texts(channel),
             other_names=self._names,
             other_units=self._units,
+            applied=_scaling(channel),
         )
 
     def _units(self) -> list[str]:
@@ -395,12 +421,21 @@ class _Channels:
         before = len(self._messages.texts)
         try:
             values = channel[:]
-        except (KeyError, IndexError, ValueError, TypeError) as error:
-            raise PackingError(f"npTDMS cannot read it: {error}") from error
+        except MemoryError:
+            raise
+        # npTDMS does not check the properties that it reads, and raises a plain Exception too
+        except Exception as error:
+            what = "its values are damaged"
+            if any(str(key).startswith(_OF_SCALES) for key in channel.properties):
+                what = "its scaling (properties `NI_Scale…`) is incomplete or damaged"
+            raise PackingError(f"{what} (npTDMS: {_reason(error)})") from error
         # npTDMS gives unscaled values then
         for text in self._messages.texts[before:]:
             if text.startswith(_UNSCALED):
-                raise PackingError(f"npTDMS cannot scale it: {text}")
+                kind = text.rpartition(": ")[2]
+                raise PackingError(
+                    f"npTDMS does not know the scaling of LabVIEW that it has: {kind}"
+                )
         if len(values) != len(channel):
             raise PackingError(f"the file has {len(values)} of its {len(channel)} values")
         return np.asarray(values)
@@ -435,8 +470,37 @@ def _before_unit_in_group(channel: Any) -> str:
 
 def _unit_texts(channel: Any) -> UnitTexts:
     properties = channel.properties
-    stated = [text_of(properties[key]) for key in _UNITS if properties.get(key)]
-    return [*([stated[:1]] if stated else []), *units_in(properties)]
+    stated = [(text_of(properties[key]),) for key in _UNITS if properties.get(key)]
+    return [*stated, *units_in(properties)]
+
+
+def _scales(channel: Any) -> list[str]:
+    """The kinds of LabVIEW's scales that its values, its group or its file have."""
+    places = (channel.properties, channel._group_properties, channel._file_properties)
+    held = next((p for p in places if any(_SCALE.fullmatch(str(key)) for key in p)), {})
+    if held.get("NI_Scaling_Status") == "scaled":
+        return []
+    found: list[str] = []
+    for key, kind in held.items():
+        if (scale := _SCALE.fullmatch(str(key))) is None or kind == "AdvancedAPI":
+            continue
+        values = [(name, held.get(f"{scale[1]}_{name}"), same) for name, same in _LINEAR]
+        if kind == "Linear" and all(value == same for _, value, same in values):
+            continue
+        shown = ", ".join(f"{name} {value}" for name, value, _ in values if value is not None)
+        found.append(f"{kind} ({shown})" if shown else str(kind))
+    return found
+
+
+def _scaling(channel: Any) -> str:
+    """The scaling of LabVIEW that npTDMS applies to a channel, for messages; empty for none."""
+    found = _scales(channel)
+    return f"scaling of LabVIEW, {' and '.join(found)}" if found else ""
+
+
+def _reason(error: Exception) -> str:
+    text = str(error)
+    return f"{type(error).__name__} {text}" if isinstance(error, KeyError) else text
 
 
 def _is_finite(value: Any) -> bool:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
 from msnn.errors.data import rows
-from msnn.errors.data.files import lost_messages, unread_part
+from msnn.errors.data.files import lost_messages, start_in_doubt, unread_part
 from msnn.errors.data.rows import listed
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.units.parser import parse_unit
@@ -35,9 +36,13 @@ _TIME = "timestamp"
 _STAMP = "uint64_t"
 _LATEST = 1 << 62
 """Microseconds; a later time is a damaged one."""
+_EXACT = 1 << 53
+"""Microseconds; the seconds of a longer time are rounded to more than a microsecond."""
+_LONGEST = 366 * 86_400_000_000
+"""Maximum time in microseconds between the start of a log and a message: a year."""
 _REPAIR = (
-    "its readable messages become a new file by "
-    "`python -c \"from pyulog import ULog; ULog('OLD.ulg').write_ulog('NEW.ulg')\"`"
+    'its readable messages become a new file by `python -c "from '
+    "msnn.data.formats.streams.ulog_file import Log; Log('OLD.ulg').write_ulog('NEW.ulg')\"`"
 )
 
 
@@ -69,6 +74,67 @@ class _LogFile(io.BufferedReader):
         return super().seek(target, whence)
 
 
+class _Subscriptions(dict[Any, Any]):
+    """Topics by the number that their messages have.
+
+    pyulog takes all of them out at the end of each part of a file, and forgets the messages of a
+    number that a second subscription uses again.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.known: dict[int, Any] = {}
+
+    def __setitem__(self, number: int, topic: Any) -> None:
+        before = self.pop(number, None)
+        if before is not None and before.buffer:
+            super().__setitem__((number, len(self)), before)
+        super().__setitem__(number, topic)
+        self.known[number] = topic
+
+    def popitem(self) -> tuple[Any, Any]:
+        # in the order of the file
+        number = next(iter(self))
+        return number, self.pop(number)
+
+    def begin_part(self) -> None:
+        """Subscribes to the topics of the parts before."""
+        for number, topic in self.known.items():
+            again = copy(topic)
+            again.buffer = bytearray()
+            super().__setitem__(number, again)
+
+
+class Log(ULog):
+    """A log whose appended parts use the subscriptions of the parts before them.
+
+    Appended parts hold any messages of the section of data, and their subscriptions are those of
+    the log (https://docs.px4.io/main/en/dev_log/ulog_file_format.html). pyulog begins each part
+    without any. `write_ulog` of this class writes the messages of all parts to a new file.
+    """
+
+    def __init__(self, file: Any) -> None:
+        self.stopped_at: int | None = None
+        """The position of a message at which pyulog gives up; None if it reads all messages."""
+        super().__init__(file)
+        # two topics may have used one number, which a new file may not
+        for number, data in enumerate(self.data_list):
+            data.msg_id = number
+
+    def _read_file_data(self, message_name_filter_list: Any, read_until: int | None = None) -> None:
+        log: Any = self
+        if not isinstance(log._subscriptions, _Subscriptions):
+            log._subscriptions = _Subscriptions()
+        log._subscriptions.begin_part()
+        super()._read_file_data(message_name_filter_list, read_until)
+        file = log._file_handle
+        end = file.tell()
+        is_early = end < file.seek(0, 2) if read_until is None else end <= read_until
+        file.seek(end)
+        if is_early and self.stopped_at is None:
+            self.stopped_at = end
+
+
 @dataclass(frozen=True, slots=True)
 class _Topic:
     """The messages of one instance of a topic."""
@@ -94,8 +160,12 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
     del dialect  # lays out text
     with _LogFile(path) as file:
         # it prints lines of its own, which the process that reads does not show
-        log = ULog(file)
+        log = Log(file)
         is_cut, unknown = file.is_cut, file.unknown
+    if log.stopped_at is not None:
+        reason = f"its message before byte {log.stopped_at} is damaged or has no `{_TIME}`"
+        is_whole = all(_TIME in data.data for data in log.data_list)
+        raise SpecError((errors.unreadable_file(shown, reason, _REPAIR if is_whole else None),))
     if log.file_corruption:
         reason = "it is damaged: parts of it are no messages"
         raise SpecError((errors.unreadable_file(shown, reason, _REPAIR),))
@@ -111,14 +181,18 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
             return None if reason is None else (np.zeros(0), _unusable(shown, key, reason))
         topic, field = found
         try:
-            return times(key, topic), _arrays(shown, key, lambda: _values(topic, field))
+            # ULog defines the unit of times, and states none of other fields
+            unit = "us" if field == _TIME or _is_stamp(topic, field) else ""
+            return times(key, topic), _arrays(shown, key, lambda: _values(topic, field), unit)
         except PackingError as error:
             return np.zeros(0), _unusable(shown, key, str(error))
 
     streams = stream_columns(shown, wanted, _names(topics), find)
-    return replace(
-        streams, time_units=units, warnings=_warnings(log, shown, start, is_cut, unknown)
+    warnings = (
+        *_doubtful_start(topics, shown, start),
+        *_warnings(log, shown, start, is_cut, unknown),
     )
+    return replace(streams, time_units=units, warnings=warnings)
 
 
 def _topics(log: Any, shown: str) -> list[_Topic]:
@@ -185,10 +259,8 @@ def _unusable(shown: str, key: str, reason: str) -> NamedArrays:
     return _arrays(shown, key, refuse)
 
 
-def _arrays(shown: str, key: str, get: Callable[[], NDArray[Any]]) -> NamedArrays:
-    # ULog defines the unit of `timestamp`, and states none of other fields
-    unit = [("us",)] if key.rpartition(".")[2] == _TIME else []
-    return NamedArrays(shown, (key,), lambda _: get(), unit_texts=lambda _: unit)
+def _arrays(shown: str, key: str, get: Callable[[], NDArray[Any]], unit: str = "") -> NamedArrays:
+    return NamedArrays(shown, (key,), lambda _: get(), unit_texts=lambda _: [(unit,)])
 
 
 def _values(topic: _Topic, field: str) -> NDArray[Any]:
@@ -274,7 +346,22 @@ def _microseconds(topic: _Topic, field: str, start: int) -> FloatArray:
     if start > _LATEST or (topic.arrays[field] > _LATEST).any():
         raise PackingError(f"its `{field}` is damaged")
     # subtracted as integers
-    return (topic.arrays[field].astype(np.int64) - start).astype(np.float64)
+    found = topic.arrays[field].astype(np.int64) - start
+    if (np.abs(found) > _EXACT).any():
+        raise PackingError(f"its `{field}` or the start time of the log is damaged")
+    return found.astype(np.float64)
+
+
+def _doubtful_start(topics: Sequence[_Topic], shown: str, start: int) -> Iterator[Diagnostic]:
+    """A warning if messages cannot belong to a log that begins at this time."""
+    stamps = [topic.arrays[_TIME] for topic in topics if _is_stamp(topic, _TIME)]
+    if not stamps:
+        return
+    first = min(int(times.min()) for times in stamps) - start
+    last = max(int(times.max()) for times in stamps) - start
+    # some topics hold a message from before the start of the log, never all of them
+    if last < 0 or last > _LONGEST or first < -_LONGEST:
+        yield start_in_doubt(shown, first / 1e6, last / 1e6)
 
 
 def _warnings(

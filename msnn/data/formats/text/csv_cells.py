@@ -54,7 +54,10 @@ def checked_columns(
     faults = _Faults()
     readers = [
         (_Times if key in wanted.moments else _Numbers)(
-            index=index, dialect=header.dialect, may_miss=key in wanted.optional
+            index=index,
+            dialect=header.dialect,
+            may_miss=key in wanted.optional,
+            marks=wanted.missing.get(key, frozenset()),
         )
         for key, index in places.items()
     ]
@@ -106,11 +109,13 @@ class _Numbers:
     index: int
     dialect: Dialect
     may_miss: bool
+    marks: frozenset[str] = frozenset()
+    """Lower-case texts that mean a missing value."""
     values: list[float] = field(default_factory=list[float])
 
     def fault_of(self, cell: str) -> CellFault | None:
         """Appends the value of a cell, and returns the constructor of its diagnostic or None."""
-        value, fault = _number(cell, self.dialect, self.may_miss)
+        value, fault = _number(cell, self.dialect, self.may_miss, self.marks)
         self.values.append(value)
         return fault
 
@@ -156,10 +161,12 @@ def _comma_fault(delimiter: str) -> CellFault:
     return partial(cell_errors.decimal_comma, delimiter=delimiter)
 
 
-def _number(cell: str, dialect: Dialect, may_miss: bool) -> tuple[float, CellFault | None]:
+def _number(
+    cell: str, dialect: Dialect, may_miss: bool, marks: frozenset[str] = frozenset()
+) -> tuple[float, CellFault | None]:
     has_commas = dialect.decimal != "."
     text = cell.replace(dialect.decimal, ".") if has_commas else cell
-    if text.lower() in MISSING:
+    if text.lower() in MISSING or cell.lower() in marks:
         return math.nan, None if may_miss else cell_errors.missing_value
     # reading it as 1.5 would be wrong by a factor of a thousand without a word
     if has_commas and _THOUSANDS.fullmatch(cell):

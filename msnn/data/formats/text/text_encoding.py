@@ -13,6 +13,8 @@ _MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
 """Byte order marks, by which a file states its encoding."""
 _EUROPEAN = "WINDOWS-1252"
 """The encoding that European spreadsheets and loggers write without a mark."""
+_CONTROLS = frozenset(range(32)) - frozenset(b"\t\n\v\f\r\x1a\x1b")
+"""Bytes that texts of no encoding without marks contain."""
 _COMPRESSED = {
     b"\x1f\x8b": "gzip",
     b"BZh": "bzip2",
@@ -32,6 +34,13 @@ _OTHERS = {
     b"ULog\x01\x12\x35": ("ULog", ".ulg"),
 }
 """First bytes of formats with their own readers, and the suffix that selects the reader."""
+_SUFFIXES = {
+    ".h5": (".h5", ".hdf5", ".mat"),
+    ".mf4": (".mf4", ".mdf"),
+    ".ulg": (".ulg", ".ulog"),
+}
+"""Suffixes that select the same reader as that of `_OTHERS`."""
+_DAMAGED = "copy the file again, or open it with the program that wrote it and write it anew"
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ZIP = b"PK\x03\x04"
 _WITHOUT_READER = {
@@ -76,6 +85,8 @@ def other_name(path: Path) -> str | None:
         return None
     for magic, (format, suffix) in _OTHERS.items():
         if begin.startswith(magic):
+            if path.suffix.lower() in _SUFFIXES.get(suffix, (suffix,)):
+                return _DAMAGED
             return f"its format is {format}: give it a name that ends in `{suffix}`"
     if begin.startswith(_ZIP):
         return None
@@ -84,10 +95,16 @@ def other_name(path: Path) -> str | None:
 
 
 def not_utf8(path: Path, shown: str, error: UnicodeDecodeError) -> Diagnostic:
-    """Diagnostic E0802, with the command that converts the file."""
+    """Diagnostic E0802, with the command that converts the file if it is text."""
     with path.open("rb") as file:
-        # a guess that the message shows as a command, not one that is read by
-        encoding = _MARKS.get(file.read(2), _EUROPEAN)
+        begin = file.read(4096)
+    # a guess that the message shows as a command, not one that is read by
+    encoding = _MARKS.get(begin[:2], _EUROPEAN)
+    if begin[:2] not in _MARKS and any(byte in _CONTROLS for byte in begin):
+        reason = "it is neither text nor of a format that its name or its first bytes show"
+        known = [suffix for _, suffix in _OTHERS.values()]
+        repair = f"export it to CSV, or to a file that ends in {', '.join(known)}"
+        return unreadable_file(shown, reason, repair)
     reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
     name = shlex.quote(shown)
     repair = (

@@ -11,11 +11,11 @@ import numpy as np
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.features.data_check.dynamics.arx import Arx, ArxOrders, chi_square_quantile, fit_arx
 from msnn.features.data_check.dynamics.impulse_response import Responses, responses, time_constants
+from msnn.features.data_check.dynamics.orders import proposed_orders
 from msnn.features.data_check.dynamics.pieces import Piece, pieces_of
 from msnn.features.data_check.first_spec.columns import FoundColumn
 from msnn.training.starts.linear_system import filtered
 
-_ORDERS = (1, 2, 3, 4)
 _AS_GOOD = 1.02
 """Minimum ratio of errors for selecting a higher order: 2 %."""
 _VALIDATION = 0.2
@@ -82,7 +82,7 @@ def choose_baseline(
 def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> tuple[float, int]:
     """The smallest order with about the minimum error, and its error."""
     errors: dict[int, float] = {}
-    for order in _ORDERS:
+    for order in proposed_orders(train):
         model = fit_arx(train, ArxOrders(order, order, first=1))
         # an unstable predictor may fit one step well and runs away in a rollout
         if model is not None and np.all(np.abs(np.roots(model.denominator)) < 1):

@@ -15,7 +15,9 @@ import numpy as np
 
 from backends.files.text_templates import text_templates
 from msnn.data.dataset import BoolArray
-from msnn.data.formats.table_of_formats import FileFormat, format_of
+from msnn.data.formats.table_of_formats import FileFormat, format_of, unread_suffix
+from msnn.data.reading.read_file import taken_as_text
+from msnn.errors.data.files import read_as_text
 from msnn.features.data_check.errors import few_rows, no_target
 from msnn.features.data_check.first_spec.baseline import Baseline, choose_baseline, roles_of
 from msnn.features.data_check.first_spec.columns import (
@@ -55,6 +57,13 @@ def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> 
     Raises TargetNotNamedError if the predicted column is unknown, and SpecError if the file cannot
     be used.
     """
+    try:
+        return _spec_from_data(name, file, folder, predict)
+    except SpecError as error:
+        raise SpecError(taken_as_text(file, file.name, error.diagnostics), error.sources) from error
+
+
+def _spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> NewSpec:
     table = columns_of(file)
     time = time_of(table, file.name)
     row_follows = follows(None if time.column is None else time.column.values, table.rows)
@@ -170,7 +179,11 @@ class _Facts:
     @property
     def notes(self) -> tuple[str, ...]:
         columns = (self.target, *self.inputs, *self.others)
-        return (*self.time.notes, *(note for column in columns for note in column.doubts))
+        suffix = unread_suffix(self.file)
+        # before all else: every column may be another one
+        as_text = () if suffix is None else (read_as_text(suffix).message,)
+        doubts = (note for column in columns for note in column.doubts)
+        return (*as_text, *self.time.notes, *doubts)
 
 
 def _text(facts: _Facts) -> str:
