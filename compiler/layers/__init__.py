@@ -1,4 +1,6 @@
-"""Layers: composite operations that expand into core operations, one file each."""
+"""The layers of the language, one file each: composite operations that expand into core
+operations.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ most specs have one kind or none."""
 
 @cache
 def rule_of(settings: type[Entry]) -> AnyRule:
-    """The rule of the layers with settings of this class."""
+    """The rule, an object with the functions that read and expand a layer, for layers whose
+    settings have this class. The file of the layer is imported first.
+    """
     for line in registry.LAYERS:
         if line.entry.kind is settings:
             # specs without plug-ins do not need it

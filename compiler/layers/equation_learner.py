@@ -1,6 +1,4 @@
-"""The layer `equation_learner`: a weighted sum of chosen functions of learned combinations of the
-inputs.
-"""
+"""`equation_learner`: a weighted sum of chosen functions of learned combinations of the inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The layer `fir`: a finite impulse response filter, a weighted sum over a time window."""
+"""`fir`: a finite impulse response filter, a weighted sum over a time window."""
 
 from __future__ import annotations
 

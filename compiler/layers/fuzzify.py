@@ -1,5 +1,5 @@
-"""The layer `fuzzify`: the degree of membership of a scalar in each of several fuzzy sets, or in a
-grid of them.
+"""`fuzzify`: the degree of membership of a scalar in each of several fuzzy sets, or in a grid of
+them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The layer `iir`: a recursive filter that is stable for all values of its weights."""
+"""`iir`: a recursive filter that is stable for all values of its weights."""
 
 from __future__ import annotations
 

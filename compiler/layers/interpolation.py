@@ -1,4 +1,4 @@
-"""The layer `interpolation`: a table of values at knots, linear between them, fixed or learned."""
+"""`interpolation`: a table of values at knots, linear between them, fixed or learned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The layer `linear`: a weighted sum over the elements of a value, sample by sample."""
+"""`linear`: a weighted sum over the elements of a value, sample by sample."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The layer `local_model`: one copy of a layer for each cell of a grid of fuzzy sets, weighted by
-the degrees of membership.
+"""`local_model`: one copy of a layer for each cell of a grid of fuzzy sets, weighted by the degrees
+of membership.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""The layer `mlp`: a multilayer perceptron, affine maps with an activation function
-between them.
-"""
+"""`mlp`: a multilayer perceptron, affine maps with an activation function between them."""
 
 from __future__ import annotations
 

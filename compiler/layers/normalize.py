@@ -1,5 +1,5 @@
-"""The layer `normalize`: a value minus its mean, divided by its standard deviation;
-`NAME.inverse(…)` is the inverse.
+"""`normalize`: a value minus its mean, divided by its standard deviation; `NAME.inverse(…)` is the
+inverse.
 """
 
 from __future__ import annotations

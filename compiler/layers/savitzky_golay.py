@@ -1,6 +1,4 @@
-"""The layer `savitzky_golay`: a smoothed value or derivative, by a polynomial fitted to a time
-window.
-"""
+"""`savitzky_golay`: a smoothed value or derivative, by a polynomial fitted to a time window."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The layer `state_space`: a linear system with a state vector that is stable for all values of its
+"""`state_space`: a linear system with a state vector that is stable for all values of its
 weights.
 """
 
