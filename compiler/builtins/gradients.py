@@ -30,7 +30,7 @@ from spec_schema.sections.values import Parameter
 
 @dataclass(frozen=True)
 class _Read:
-    """A node that contains the samples t+first … t+last of x."""
+    """A node that contains the samples t+first … t+last of the variable x."""
 
     node: NodeId
     first: int

@@ -94,7 +94,7 @@ def compile_spec(
     `used` has the parsed files of sub-models and `weights` the arrays of those with `weights:`, by
     full name. A sub-model without them has its initial values. `numbers` maps paths of files of
     initial values to their contents; other files are read from disk. `draw` selects other random
-    initial values.
+    initial values, and `spec_hash` is stored in the program.
 
     Raises SpecError with every mistake found; with `strict_units` also for units that do not fit.
     """

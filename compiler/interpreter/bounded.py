@@ -70,14 +70,14 @@ class Taken:
 
 
 def exact(value: Array) -> Bounded:
-    """A value without rounding error: every program computes the same bits."""
+    """The value as one without rounding error: every program computes the same bits of it."""
     size = value if value.dtype == bool else np.abs(value)
     return Bounded(value, np.zeros(value.shape), size.astype(float), 1)
 
 
 def unit_roundoff(dtype: np.dtype[Any]) -> float:
-    """u: the maximum relative error of a correctly rounded result, with 1 % added for terms in
-    u².
+    """The unit roundoff u of float32 or float64: the maximum relative error of a correctly rounded
+    result, with 1 % added for terms in u².
     """
     return 0.5 * 1.01 * float(np.finfo(dtype).eps)
 

@@ -21,7 +21,9 @@ from compiler.ir.program import Node, NodeId
 
 
 class Sign(IntEnum):
-    """The known sign of all elements of a value; a higher number is more knowledge."""
+    """The sign that is known of all elements of a value. A member with a higher number is the
+    stronger fact.
+    """
 
     ANY = 0
     NOT_NEGATIVE = 1
@@ -163,7 +165,7 @@ def _is_bounded(node: Node) -> bool:
 
 
 def _sign(node: Node, of: list[Sign]) -> Sign:
-    """The sign of a value, from the signs `of` of its operands."""
+    """The sign that is known of a node's value, from the signs `of` of its operands."""
     known = [sign for sign in of if sign in (Sign.NOT_NEGATIVE, Sign.POSITIVE)]
     match node.op:
         case ops.Constant(values) if node.type.kind == "real":

@@ -37,7 +37,7 @@ class NodeStore:
 
     @property
     def size(self) -> int:
-        """The number of nodes."""
+        """The number of nodes stored so far; the next new node gets it as id."""
         return len(self._nodes)
 
     def type(self, node: NodeId) -> Type:
@@ -195,7 +195,7 @@ def states_beside_the_log(
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """The range of samples t+first … t+last that a graph reads of a signal."""
+    """The samples t+first … t+last, the range of all samples of one signal that a graph reads."""
 
     first: int
     last: int
@@ -226,7 +226,7 @@ def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
 
 
 def parameters_read(graph: Graph) -> frozenset[str]:
-    """Names of the parameters that the graph uses."""
+    """Names of the parameters that the graph reads."""
     return frozenset(n.op.name for _, n in graph if isinstance(n.op, ops.ReadParameter))
 
 

@@ -61,7 +61,9 @@ class Relation(Enum):
     GREATER_EQUAL = ">="
 
     def holds(self, left: float, right: float) -> bool:
-        """True if `left relation right`; False if an operand is NaN."""
+        """True if the relation holds between two numbers, such as left < right; False if one is
+        NaN.
+        """
         return _TESTS[self.value](left, right)
 
 
@@ -158,27 +160,27 @@ class Elementwise:
 
 @dataclass(frozen=True, slots=True)
 class Add(Elementwise):
-    """a + b."""
+    """a + b of its operands a and b, element by element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Subtract(Elementwise):
-    """a − b."""
+    """a − b of its operands a and b, element by element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Multiply(Elementwise):
-    """a · b."""
+    """a · b of its operands a and b, element by element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Divide(Elementwise):
-    """a / b, IEEE 754: x/0 is ±inf, 0/0 is NaN."""
+    """a / b of its operands a and b, element by element, by IEEE 754: x/0 is ±inf, 0/0 is NaN."""
 
 
 @dataclass(frozen=True, slots=True)
 class Negate(Elementwise):
-    """−a."""
+    """−a of its operand a, element by element."""
 
     arity: ClassVar[int | None] = 1
 

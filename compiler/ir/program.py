@@ -53,7 +53,9 @@ NodeId = int
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One operation: its operands, the static type of its value and its place in the spec."""
+    """One operation of a graph: the ids of its operands, the static type of its value and its place
+    in the spec.
+    """
 
     op: Op
     args: tuple[NodeId, ...]
@@ -165,7 +167,9 @@ class Role(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A recorded quantity: an input, or a target that only training reads."""
+    """A recorded quantity: an input, or a target that only losses and validation read. `range` are
+    its declared limits, `on_invalid` is the reaction of deployed code to invalid values.
+    """
 
     name: str
     role: Role
@@ -274,7 +278,9 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A named result of the step."""
+    """A named result of the step. `predicts` is the recorded sample that it predicts, None for
+    other outputs.
+    """
 
     name: str
     node: NodeId
@@ -355,13 +361,17 @@ class Loss:
 
     @property
     def measured(self) -> str:
-        """The measure as text, with δ unless it is 1."""
+        """The measure as text for messages, such as `mse`; for another δ than 1 `huber,
+        delta 0.5`.
+        """
         delta = "" if self.delta == 1.0 else f", delta {self.delta:g}"
         return f"{self.measure.value}{delta}"
 
     @property
     def nodes(self) -> tuple[NodeId, ...]:
-        """The nodes of the step that the loss reads."""
+        """The nodes of the step that the loss reads: the prediction, and if they exist the target
+        and the weight of the rows.
+        """
         others = (node for node in (self.target, self.rows) if node is not None)
         return (self.prediction, *others)
 

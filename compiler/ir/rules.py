@@ -375,7 +375,9 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) 
 
 @dataclass(frozen=True, slots=True)
 class AxesOfSources:
-    """Axes of the signals, parameters and states that a graph may read, by name."""
+    """The axes of one sample of the signals, parameters and states that a graph may read,
+    by name.
+    """
 
     signals: Mapping[str, tuple[Axis, ...]]
     parameters: Mapping[str, tuple[Axis, ...]]

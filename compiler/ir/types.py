@@ -32,7 +32,9 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """Axes (C order, window last), unit (None = unknown) and kind (real or bool) of a value."""
+    """The static type of a value: its axes (elements in C order, the window last), its unit (None
+    if unknown) and its kind (real or bool).
+    """
 
     axes: tuple[Axis, ...] = ()
     unit: Unit | None = None
@@ -53,11 +55,11 @@ class Type:
 
     @property
     def window(self) -> int | None:
-        """Length of the time window; None for a single sample."""
+        """Number of samples along the window axis; None for a value without a window."""
         return self.axes[-1].size if self.axes and self.axes[-1].name == WINDOW else None
 
     def axis(self, name: str) -> Axis | None:
-        """The axis of that name, or None."""
+        """The axis of that name; None if there is none."""
         return next((axis for axis in self.axes if axis.name == name), None)
 
     def position(self, name: str) -> int:

@@ -130,7 +130,9 @@ class Matrix:
 
     @property
     def perhaps_infinite(self) -> tuple[MatrixBlock, ...]:
-        """The blocks with entries that can be infinite for finite operands."""
+        """The blocks with entries that can be infinite although all states, inputs and parameters
+        are finite.
+        """
         return tuple(block for block in self.blocks if block.can_be_infinite)
 
     def filled(
@@ -164,5 +166,5 @@ class Jacobian:
 
     @property
     def roots(self) -> list[NodeId]:
-        """The nodes of all computed entries."""
+        """The nodes of all computed entries of all matrices."""
         return [node for matrix in self.matrices for node in matrix.nodes]

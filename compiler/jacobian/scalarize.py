@@ -59,7 +59,7 @@ class LeafSlice:
 
 @dataclass(frozen=True, slots=True)
 class Elements:
-    """A graph in which every wanted element is a separate node."""
+    """A graph in which every wanted element of other values is a separate node."""
 
     graph: Graph
     nodes: tuple[NodeId, ...]

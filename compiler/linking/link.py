@@ -151,7 +151,7 @@ class _Part:
 
 
 class _Linking:
-    """Collects the sections of the whole spec while specs are linked."""
+    """Links specs recursively, and collects the sections of the whole spec meanwhile."""
 
     def __init__(self, findings: Findings) -> None:
         self.findings = findings

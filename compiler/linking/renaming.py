@@ -44,7 +44,7 @@ class Renaming:
         return name if name in OF_THE_LANGUAGE else self.prefix + name
 
     def entry(self, entry: T) -> T:
-        """A copy of an entry, expression or reference in which every name is a full name."""
+        """A copy of an entry, expression or reference of the spec, with full names."""
         return cast("T", self._renamed(entry, frozenset()))
 
     def _renamed(self, value: Any, arguments: frozenset[str]) -> Any:

@@ -64,7 +64,9 @@ class Arrays:
         return tuple(self._parameters)
 
     def of_layer(self, layer: str) -> tuple[str, ...]:
-        """Names of a layer's arrays without the prefix `layer.`."""
+        """Names of the arrays that the layer `layer` has declared so far, without the prefix
+        `layer.`.
+        """
         owners = (name.rpartition(".") for name in self._parameters)
         return tuple(suffix for owner, _, suffix in owners if owner == layer)
 

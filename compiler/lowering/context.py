@@ -62,7 +62,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Declaration:
-    """A name and its entry in the spec."""
+    """A declared name, the section that declares it, and its entry there."""
 
     name: str
     kind: Kind
@@ -233,7 +233,7 @@ class Memories:
 
     @property
     def states(self) -> tuple[ProgramState, ...]:
-        """All states, in the order of first use."""
+        """All states that were added, in the order of first use."""
         return tuple(self._states.values())
 
     def name(self, owner: str, call: tuple[Hashable, ...]) -> str:
@@ -294,7 +294,7 @@ class Names(Protocol):
         ...
 
     def call(self, call: Call, environment: Environment) -> NodeId:
-        """The node of a call of a layer, a function of the spec or a builtin."""
+        """The node of a call of a layer, a function or a builtin, lowered in the environment."""
         ...
 
     def declared(self, name: str, span: Span) -> Declaration:

@@ -29,7 +29,7 @@ from spec_schema.late_dataclass import dataclass
 
 
 class LoopFault(Enum):
-    """The reason why a loop cannot be closed."""
+    """The reason why a loop cannot be closed; the value of each member is a clause for messages."""
 
     UNKNOWN = "the program has no input of this name"
     UNPREDICTED = "no output predicts it"

@@ -230,7 +230,9 @@ def retime(program: Program, *, fixed_parameters: bool) -> Program:
 
 @dataclass(frozen=True, slots=True)
 class _Buffer:
-    """A buffer of past samples that has exactly one `Window`, the node that shifts it each step."""
+    """A buffer of past samples with exactly one `Window`, the node that appends the sample `newest`
+    in each step; `kept` is the number of its samples.
+    """
 
     state: State
     newest: NodeId

@@ -1,4 +1,6 @@
-"""Replaces windows over inputs by buffers, so that each step reads every input exactly once."""
+"""Converts a program to step form: replaces windows over inputs by buffers, so that each step reads
+every input exactly once.
+"""
 
 from __future__ import annotations
 

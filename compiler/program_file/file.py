@@ -139,7 +139,7 @@ LONGEST_TEXT = 256 << 20
 
 
 def program_to_json(program: Program) -> str:
-    """Writes a program as JSON, deterministically, with one node per line."""
+    """The program as JSON text, one node per line; equal programs give the same text."""
     return data_to_json(program_to_data(program))
 
 

@@ -1,4 +1,5 @@
-"""Arithmetic with unevaluated sums of two reals, and exact errors of + and ×.
+"""Arithmetic on pairs of reals whose exact sum is the value (double words), and the exact errors of
++ and ×.
 
 Algorithms of T. J. Dekker, "A floating-point technique for extending the available precision",
 Numerische Mathematik 18 (1971), and D. E. Knuth's two-sum.

@@ -1,4 +1,4 @@
-"""tanh, sinh and cosh: a polynomial near 0, the reduced exponential elsewhere."""
+"""The kernels tanh, sinh and cosh: a polynomial near 0, elsewhere e^x by `reduce_exponential`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""asin, acos, atan and atan2, after the argument reductions of fdlibm (Sun Microsystems, 1993)."""
+"""The kernels asin, acos, atan and atan2, with the argument reductions of fdlibm (Sun Microsystems,
+1993).
+"""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def _tangent(high: Real, low: Real) -> tuple[Real, Real]:
 
 
 def _tangent_beyond(x: Real) -> Real:
-    """tan(x) − x on |x| ≤ π/4."""
+    """tan(x) − x for |x| ≤ π/4, as x·z·P(z) with z = x² and the polynomial P of `TANGENT`."""
     square = x * x
     return x * (square * polynomial(square, TANGENT[x.format]))
 

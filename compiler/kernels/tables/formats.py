@@ -24,7 +24,7 @@ class Format:
 
     @property
     def largest(self) -> float:
-        """The largest finite value."""
+        """The largest finite value of the format."""
         return (2.0 - 2.0 ** (1 - self.digits)) * 2.0 ** (self.overflow_exponent - 1)
 
 

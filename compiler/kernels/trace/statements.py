@@ -25,7 +25,7 @@ class ValueKind(Enum):
 
 
 class Operator(Enum):
-    """Two-operand operations; those on integers wrap modulo 2^32 or 2^64."""
+    """Operations with two operands. Those on integers wrap around, modulo 2^32 or 2^64."""
 
     ADD = "+"
     SUBTRACT = "-"
@@ -50,7 +50,7 @@ COMPARISONS = frozenset(
 
 
 class Function(Enum):
-    """One-operand operations, exact or correctly rounded."""
+    """Operations with one operand, exact or correctly rounded."""
 
     NEGATE = "negate"
     MAGNITUDE = "magnitude"

@@ -100,7 +100,7 @@ class LayerContext:
         return replace(self, cells=(*self.cells, *cells))
 
     def refuse(self, diagnostic: Diagnostic) -> NoReturn:
-        """Reports the mistake and raises LoweringFailed."""
+        """Reports the mistake `diagnostic` and raises LoweringFailed."""
         self.lowering.findings.report(diagnostic)
         raise LoweringFailed
 
@@ -123,7 +123,7 @@ class LayerContext:
         return Axis(f"{self.name}.{suffix}", size)
 
     def elements(self, node: NodeId) -> tuple[Axis, ...]:
-        """The axes of a value other than its window."""
+        """The axes of one sample of a node's value: all except the window."""
         return tuple(axis for axis in self.builder.type(node).axes if axis.name != WINDOW)
 
     def learned(

@@ -101,7 +101,7 @@ def clamped(x: Interval, low: Interval, high: Interval) -> Interval:
 
 
 def repeated(x: Interval, count: int) -> Interval:
-    """The sum of `count` values in the interval."""
+    """The interval of the sum of `count` values, each in the interval x."""
     return _between([_times(count, x.low), _times(count, x.high)], x)
 
 
@@ -179,7 +179,9 @@ def _power(base: Interval, exponent: Interval) -> Interval:
 
 # 0 · ∞ is NaN in IEEE arithmetic; here an infinite end means arbitrarily large
 def _times(a: float, b: float) -> float:
-    """a · b, with 0 · ∞ = 0."""
+    """The product of two ends of intervals, with 0 · ∞ = 0, since an infinite end means arbitrarily
+    large.
+    """
     return 0.0 if a == 0.0 or b == 0.0 else a * b
 
 
