@@ -24,8 +24,8 @@ from spec_schema.expressions.tree import Call, ListLiteral, Name
 
 
 def lower_sum(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`sum(x)` over all axes, or over those of `over=`. Raises LoweringFailed after reporting an
-    unknown axis.
+    """`sum(x)` over all axes, or over those of `over=`. Raises LoweringFailed after reporting a
+    mistake, such as an unknown axis.
     """
     builder = context.builder(environment)
     node = lower(context, call.arguments[0], environment)
@@ -34,8 +34,8 @@ def lower_sum(context: Context, call: Call, environment: Environment) -> NodeId:
 
 
 def lower_mean(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`mean(x)` over all axes, or over those of `over=`. Raises LoweringFailed after reporting an
-    unknown axis.
+    """`mean(x)` over all axes, or over those of `over=`. Raises LoweringFailed after reporting a
+    mistake, such as an unknown axis.
     """
     builder = context.builder(environment)
     node = lower(context, call.arguments[0], environment)

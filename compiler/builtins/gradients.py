@@ -121,7 +121,8 @@ def _of_signal(
     environment: Environment,
     moving: NodeId | None = None,
 ) -> tuple[_Read, list[_Read]]:
-    """The result of `_reads` for a signal or a window of one: all nodes that read it.
+    """The result of `_reads` for a signal or a window of one: all nodes that read it. Raises
+    LoweringFailed after reporting a mistake in the expression.
 
     For an input that is interpolated between samples (`moving` is its node), only that value
     counts: windows contain samples, which do not depend on it.
@@ -156,8 +157,9 @@ def _alike(op: ReadSignal | ReadLog) -> tuple[ReadSignal, ReadLog]:
 def _of_value(
     context: Context, name: str, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
-    """The result of `_reads` for a state, equation or output: its node, and the windows over which
-    it was lowered again.
+    """The result of `_reads` for the state, equation or output `name`: its node, and the windows
+    over which it was lowered again. Raises LoweringFailed after reporting a mistake in the
+    expression.
     """
     node = lower(context, expression, environment)
     builder = context.builder(environment)

@@ -273,7 +273,7 @@ def _seconds(context: Context, call: Call, environment: Environment, share: floa
 
 def _start(context: Context, call: Call, type: Type | None) -> NodeId:
     """The node of the initial value I[t0−1] in the start graph, with the axes and unit of `type`
-    unless it is None.
+    unless it is None. Raises LoweringFailed after reporting a mistake in `init=`.
     """
     builder = context.builder(START)
     init = option(call, "init")

@@ -35,7 +35,7 @@ def tangents(
     count: int | None = None,
 ) -> dict[NodeId, NodeId]:
     """The tangents, by node, of all nodes of the builder's graph that depend on the keys of
-    `seeds`.
+    `seeds`; `directions` is their first axis.
 
     `seeds` has the tangents of leaves. `buffers` maps each buffer that depends on a seed to the
     name of the buffer with the tangents of its samples; other buffers are constant. Tangents in the
@@ -266,6 +266,7 @@ class _Rule:
 def _first_direction(seed: ops.Op, type: Type, count: int) -> int | None:
     """If the seed of a leaf with `count` elements is a constant that gives each element a unit
     direction of its own, in order: the index of the first direction. None for any other seed.
+    `type` is the type of the seed.
     """
     if not isinstance(seed, ops.Constant):
         return None

@@ -56,7 +56,7 @@ class InterpretedTraining:
         )
 
     def losses(self, runs: Rollouts, loss_weights: Mapping[str, float]) -> InterpretedLosses:
-        """The sum of every loss over the rollouts, and the gradient of Σ weight · loss;
+        """The sum of every loss over the rollouts `runs`, and the gradient of Σ weight · loss;
         `loss_weights` has the weight of each loss by name.
         """
         moments = list(self._forward.moments(runs))
@@ -133,9 +133,9 @@ def _results(term: LossTerm) -> list[NodeId]:
 def _scale(
     term: LossTerm, total: Total, counts: Mapping[str, Total], weights: Mapping[str, float]
 ) -> tuple[float, float]:
-    """∂(weighted total)/∂(sum of this loss) in float64, and a bound on its error; 0 if nothing is
-    scored. `total` is the sum of the loss, `counts` are the numbers of scored elements and
-    `weights` the weights, by loss.
+    """∂(weighted total)/∂(sum of the loss `term`) in float64, and a bound on its error; 0 if
+    nothing is scored. `total` is the sum of the loss, `counts` are the numbers of scored elements
+    and `weights` the weights, by loss.
     """
     count, weight = float(counts[term.loss.name].value), weights[term.loss.name]
     if count == 0:
@@ -184,8 +184,8 @@ class InterpretedProducts:
 def interpreted_products(
     found: Sensitivities, weights: Mapping[str, Array], runs: Rollouts
 ) -> dict[str, InterpretedProducts]:
-    """The products, by loss, of every loss that is a sum of squares, over the rollouts,
-    in float64.
+    """The products, by loss, of every loss that is a sum of squares, over the rollouts `runs`, in
+    float64. `found` is the program with its sensitivities, `weights` are physical arrays by name.
     """
     terms = {term.loss.name: term for term in found.losses}
     summed = [node for term in found.losses for node in (term.total, term.count)]
@@ -214,8 +214,8 @@ def interpreted_products(
 def _rows(
     one: LossResiduals, moment: RolloutStep, numbers: int, members: int
 ) -> tuple[Array, Array]:
-    """The rows [J r] of one step, (members, elements, numbers + 1), and a bound on the error of
-    each element. `numbers` is the number of learned elements.
+    """The rows [J r] of the loss `one` in the step `moment`, (members, elements, numbers + 1), and
+    a bound on the error of each element. `numbers` is the number of learned elements.
     """
     unit = unit_roundoff(_DTYPE)
     values, slopes = (moment.values[node].repeated(members) for node in (one.values, one.slopes))
@@ -232,7 +232,7 @@ def _rows(
 
 
 def _over_elements(one: Bounded) -> Bounded:
-    """The sum over all elements of a value, for each member."""
+    """The sum over all elements of the value `one`, for each member."""
     value, error, terms = (part.reshape(len(part), -1) for part in one.parts)
     return Bounded(value.sum(1), error.sum(1), terms.sum(1), one.count * value.shape[1])
 

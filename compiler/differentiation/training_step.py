@@ -234,8 +234,8 @@ def _reverse_step(
     program: Program, losses: tuple[LossTerm, ...], newest: dict[str, NodeId]
 ) -> tuple[Reverse, frozenset[str], bool]:
     """The reverse step, the states whose adjoints can be infinite, and True if a gradient with
-    respect to a parameter can be infinite. `newest` has the node of the newest sample of each
-    buffer.
+    respect to a parameter can be infinite. `losses` are the loss terms of the step; `newest` has
+    the node of the newest sample of each buffer.
 
     Adjoints pass from step to step, so the set of states with infinite adjoints is iterated until
     it is constant.
@@ -283,7 +283,8 @@ def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collect
 
 def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]) -> Reverse:
     """A reverse graph that reads the newest samples of buffers as stored values, instead of
-    computing them again. `newest` maps the nodes of these samples to the names of the buffers.
+    computing them again. `newest` maps the nodes of these samples to the names of the buffers;
+    `gradients` stay valid, since node ids do not change.
     """
     nodes: list[Node] = []
     for index, node in graph:

@@ -73,8 +73,8 @@ class Compiled:
     """Type of one sample of each equation and output, before passes merge or remove values."""
 
     def of(self, kind: type[P]) -> P | None:
-        """The compiled section of this class, such as the optimal control problem of `mpc`; None if
-        the spec has no such section.
+        """The compiled section of the class `kind`, such as the optimal control problem of `mpc`;
+        None if the spec has no such section.
         """
         return problem_of_class(self.problems, kind)
 
@@ -117,8 +117,8 @@ def compile_spec(
 def compile_linked(
     linked: Linked, *, strict_units: bool = False, spec_hash: str = "", draw: int = 0
 ) -> Compiled:
-    """Compiles a spec in which every name is a full name; the options are those of `compile_spec`.
-    Raises SpecError with every mistake found.
+    """Compiles a spec whose sub-models are already linked to one spec with full names. The other
+    arguments are those of `compile_spec`. Raises SpecError with every mistake found.
     """
     spec = linked.spec
     # lowering recurses from a value into its operands: a chain of n equations is n calls deep
@@ -365,7 +365,7 @@ def report_unchecked_scales(context: Context, states: Iterable[State]) -> None:
 
 def _scaled_quantities(context: Context) -> dict[str, Quantity]:
     """The parameters and constants, by name, whose value is written as a number with a scaled unit,
-    such as `300 uH`.
+    such as `300 uH`. Raises LoweringFailed after reporting a value that is no scalar.
     """
     found: dict[str, Quantity] = {}
     for name, entry in {**context.spec.parameters, **context.spec.constants}.items():

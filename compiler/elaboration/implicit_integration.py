@@ -38,9 +38,9 @@ def felt_state(
     """For the implicit integration of the equation `of`: returns the name of the state whose
     derivative reads the equation, and the node of the equation.
 
-    `values` are the nodes of the states of `owner`; `slope(name)` returns that of a state's
-    derivative. Exactly one state must both affect the equation and be affected by it; otherwise it
-    reports and raises LoweringFailed.
+    `values` are the nodes of the states of `owner` at the integrator stage `stage`; `slope(name)`
+    returns that of a state's derivative. Exactly one state must both affect the equation and be
+    affected by it; otherwise it reports and raises LoweringFailed.
     """
     builder = context.builder(STEP)
     full = f"{owner}.{of.value}" if owner else of.value
@@ -161,7 +161,7 @@ def _only_diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId |
 
 
 def _joined(builder: GraphBuilder, numbers: list[NodeId], like: NodeId) -> NodeId:
-    """Combines scalar nodes, in C order, to one node with the axes of `like`."""
+    """Combines the scalar nodes `numbers`, in C order, to one node with the axes of `like`."""
     parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in numbers]
     joined = builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
     return builder.reshape(joined, builder.type(like).axes)

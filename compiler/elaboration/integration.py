@@ -289,8 +289,8 @@ class _Steps:
         report_unit_conflicts(self.context, builder, self.vector_field[name].expression)
 
     def _check_time(self, name: str, rate: Unit | None) -> None:
-        """Reports a derivative in a unit per another time than seconds, such as per hour, of a
-        state without unit.
+        """Reports a derivative in a unit per another time than seconds, such as per hour, of the
+        state `name` if this has no unit. `rate` is the unit of the derivative.
 
         A state with a unit is checked by its sum instead.
         """

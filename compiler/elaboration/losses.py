@@ -98,8 +98,8 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
 def _check_rows_count(
     context: Context, name: str, rows: Expression, losses: Sequence[Loss]
 ) -> None:
-    """Reports the option `rows` of a loss in which no value differs between rows, and raises
-    LoweringFailed.
+    """Reports the option `rows` of the loss `name` if no value that its terms `losses` compare
+    differs between rows, and raises LoweringFailed.
     """
     graph = context.builder(_LOSS).graph()
     values = [loss.prediction for loss in losses]
@@ -169,7 +169,7 @@ def _measured(context: Context, function: str, call: Call) -> tuple[Measure, Nod
 
 def _delta(context: Context, function: str, call: Call, prediction: NodeId) -> float:
     """δ of the measure `huber`: a constant above 0 in the unit of the error; 1 by default. Reports
-    any other value and raises LoweringFailed.
+    any other value, or a unit that does not fit the node `prediction`, and raises LoweringFailed.
     """
     given = option(call, "delta")
     if given is None:
@@ -363,7 +363,8 @@ def lower_penalty(context: Context, function: str, call: Call) -> tuple[NodeId, 
 def checked_penalties(
     losses: Sequence[Loss], parameters: Sequence[Parameter], findings: Findings
 ) -> list[Loss]:
-    """The losses; a penalty remains one only if a proximal step is possible.
+    """The losses; a penalty remains one only if a proximal step is possible. `parameters` are those
+    of the program.
 
     An l1 penalty of a bounded or fixed array becomes a plain loss. Reports E0967 for `group` of an
     array that has bounds or does not learn, E0968 for several groups of one array.

@@ -59,8 +59,8 @@ repetition settles one equation."""
 
 
 def lower_spec(linked: Linked, draw: int) -> LoweredSpec:
-    """Lowers all entries of a spec, again and again until the buffers that it needs equal those
-    that it assumed.
+    """Lowers all entries of a linked spec, again and again until the buffers that it needs equal
+    those that it assumed.
 
     `draw` selects random initial values. Buffer lengths, and axes of equations that read their own
     past, are known only after lowering: a function, layer or sub-model may delay its argument. The
@@ -245,8 +245,8 @@ def fit_over(context: Context, entry: signals.State) -> int | None:
 
 
 def check_fitted_starts(context: Context, states: Sequence[State], losses: Sequence[Loss]) -> None:
-    """Reports estimated initial values that have fewer samples than unknowns, or no loss from which
-    they could be estimated.
+    """Reports estimated initial values of `states` that have fewer samples than unknowns, or no
+    loss in `losses` from which they could be estimated.
     """
     estimated = [state for state in states if state.fit_over is not None]
     numbers = sum(Type(state.axes).size for state in estimated)
@@ -373,7 +373,8 @@ _EXPECTED_IN_USE = frozenset(
 
 
 def lower_unused(elaborated: Elaboration) -> None:
-    """Lowers entries that nothing uses, so that their mistakes are reported.
+    """Lowers entries that nothing uses, so that their mistakes are reported, too; `elaborated` is
+    the lowering of the others.
 
     For sub-models only equations are lowered; compiling their own files reports the rest.
     """

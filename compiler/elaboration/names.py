@@ -54,7 +54,7 @@ class Elaboration:
         self, linked: Linked, variables: frozenset[str], known: FoundBefore, draw: int = 0
     ) -> None:
         """`variables` are the names by which some `grad` differentiates; `known` are results of the
-        previous lowering, `draw` selects random initial values.
+        previous lowering, `draw` selects random initial values of the spec `linked`.
         """
         self._linked, self._variables, self._draw = linked, variables, draw
         findings = Findings()
@@ -79,7 +79,7 @@ class Elaboration:
 
     def afresh(self, known: FoundBefore) -> Elaboration:
         """A new lowering of the same spec with empty graphs and findings, for attempts that may
-        fail.
+        fail. It assumes the buffers and units `known`.
         """
         return Elaboration(self._linked, self._variables, known, self._draw)
 
@@ -369,7 +369,8 @@ def lower_layer(
     environment: Environment,
 ) -> NodeId:
     """The node of a call `NAME(…)` of the layer `name`, or of `NAME.member(…)` if this kind of
-    layer has such a member. Raises LoweringFailed after reporting a mistake.
+    layer has such a member. `stores` is the state that all layers share. Raises LoweringFailed
+    after reporting a mistake.
     """
     settings = entry.chosen()
     rule = rule_of(settings)
@@ -397,7 +398,7 @@ def member_of_layer(
     environment: Environment,
 ) -> NodeId:
     """The node of `NAME.value` without a call: a value that this kind of layer defines, such as
-    `phi.centers`.
+    `phi.centers`. `stores` is the state that all layers share.
 
     Losses, which are lowered last, can also read an array of a layer: `NAME.weight`. Reports any
     other name and raises LoweringFailed.

@@ -206,9 +206,9 @@ class Histories:
         return self._context.names.value(Name(name, span), STEP)
 
     def _start(self, name: str, entry: State | Equation | Output, remembered: Remembered) -> NodeId:
-        """The node of the samples in the buffer before t0: from `history:`, from the log, or
-        evaluated from recorded inputs (R5). Reports that none of these is possible and raises
-        LoweringFailed.
+        """The node of the samples in the buffer `remembered` of `name` before t0: from `history:`,
+        from the log, or evaluated from recorded inputs (R5). Reports that none of these is possible
+        and raises LoweringFailed.
         """
         context, length = self._context, remembered.length
         builder, before = context.builder(START), START.over(-length, -1)

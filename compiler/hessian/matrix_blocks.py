@@ -81,8 +81,8 @@ def curvature_of_groups(
 def matrix_of_blocks(
     builder: GraphBuilder, name: str, rows: Vector, columns: Vector, placed: Sequence[Placed]
 ) -> Matrix:
-    """The matrix with the entries `placed`; all others are 0. Constant entries become numbers of
-    the matrix.
+    """The matrix with the entries `placed`; all others are 0. `rows` and `columns` are the
+    quantities along its sides. Constant entries become numbers of the matrix.
     """
     parts = [part for block in placed for part in _parts(builder, block)]
     # entries without a block are 0 and constant
@@ -124,8 +124,8 @@ def matrix_of_blocks(
 
 
 def _parts(builder: GraphBuilder, placed: Placed) -> list[Placed]:
-    """The parts of a concatenation, each with its place in the matrix, so that constant parts need
-    no array; any other node unchanged.
+    """If the node of `placed` is a concatenation, its parts, each with its place in the matrix, so
+    that constant parts need no array. Any other node unchanged.
     """
     node = builder.node(placed.node)
     if not isinstance(node.op, ops.Concat):

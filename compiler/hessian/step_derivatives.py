@@ -210,8 +210,8 @@ def _readers(graph: Graph) -> dict[str, list[NodeId]]:
 def _inputs(
     program: Program, builder: GraphBuilder, leaves: Mapping[str, Sequence[NodeId]]
 ) -> Iterator[Quantity]:
-    """The inputs that the graph reads, as (name, axes, unit), in the program's order; in step form
-    one node reads each.
+    """The inputs that the graph reads, as (name, axes, unit), in the program's order. `leaves` has
+    the nodes that read each name; in step form one node reads an input.
     """
     for signal in program.signals:
         for leaf in leaves.get(signal.name, ()):

@@ -182,7 +182,7 @@ class AdjointTape:
     def of_zeros(
         cls, members: int, shape: tuple[int, ...], steps: int | None, dtype: np.dtype[Any]
     ) -> AdjointTape:
-        """The adjoints after the last step, all 0.
+        """The adjoints after the last step, all 0, for this number of members.
 
         `shape` is that of the state. `steps` is the length of the rollouts for a buffer, None for a
         state that is no buffer.

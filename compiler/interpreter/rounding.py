@@ -92,7 +92,8 @@ class BoundedGraph:
         """Evaluates the wanted nodes, and all nodes that they depend on, at the rows `t`, one per
         member. Returns a list indexed by node id; other entries are None.
 
-        `taken` prescribes the outcomes of some comparisons and signs, which then have no error.
+        `training` has the values of `ReadTraining` nodes. `taken` prescribes the outcomes of some
+        comparisons and signs, which then have no error.
         """
         found: list[Any] = [None] * len(self._graph)
         given = _Given(LeafValues(log, t, {}), states, training or {})
@@ -205,8 +206,8 @@ class BoundedGraph:
     # ---- rules
 
     def _counts(self, one: Bounded, terms: Array) -> bool:
-        """True if all elements are exact integers so small that their sums are exact too. `terms`
-        are the magnitudes of the elements.
+        """True if all elements of `one` are exact integers so small that their sums are exact too.
+        `terms` are the magnitudes of the elements.
         """
         whole = (one.value == np.rint(one.value)) & (one.error == 0.0) & (terms < 0.5 / self.unit)
         return one.count == 1 and bool(whole.all())

@@ -140,8 +140,8 @@ class Fit:
 
 
 def filter_arrays(kind: FilterKind, feedthrough: bool) -> tuple[str, ...]:
-    """The names of the parameter arrays of a filter layer; `D` exists only if the argument affects
-    the result in the same step (`feedthrough`).
+    """The names of the parameter arrays of a filter layer of this kind; `D` exists only if the
+    argument affects the result in the same step (`feedthrough`).
     """
     match kind:
         case "iir":
@@ -415,7 +415,9 @@ class UsedPlugin:
 
 
 def with_plugins(plugins: Sequence[UsedPlugin]) -> str:
-    """A text for a line about versions, ` with msnn-example 0.1.0`; empty without plug-ins."""
+    """A text with the names and versions of the plug-ins, such as ` with msnn-example 0.1.0`; empty
+    without plug-ins.
+    """
     named = ", ".join(f"{plugin.package} {plugin.version}" for plugin in plugins)
     return f" with {named}" if named else ""
 

@@ -126,8 +126,8 @@ the finite values with which autodiff libraries replace an infinite derivative."
 
 
 def slope_product(b: Arithmetic[V], first: V, second: V) -> V:
-    """The product of two factors of a derivative: 0 where a factor is 0, even if the other is
-    infinite.
+    """The product first · second of two factors of a derivative: 0 where a factor is 0, even if the
+    other is infinite.
 
     A test of a factor for 0 is only added if the other one can be infinite (or NaN, such as 0/0).
     """

@@ -53,7 +53,9 @@ Quantity = tuple[str, tuple[Axis, ...], Unit | None]
 
 
 def vector_of(letter: str, quantities: Iterable[Quantity]) -> Vector:
-    """The vector of these quantities in order; each is a tuple (name, axes, unit)."""
+    """The vector of these quantities in order; each is a tuple (name, axes, unit). `letter` is its
+    usual letter, such as x.
+    """
     members: list[Member] = []
     for name, axes, unit in quantities:
         first = members[-1].first + members[-1].size if members else 0

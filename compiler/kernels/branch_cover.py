@@ -56,8 +56,9 @@ _BESIDES = {"pow": ((-math.inf, 1.5),)}
 
 
 def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
-    """A boolean array (outcomes, points): True where a point of `points`, an array (points,
-    arguments), makes a condition true or false. Outcomes that no point reaches have no row.
+    """A boolean array (outcomes, points), with two outcomes per condition of the routine `traced`:
+    True where a point of `points`, an array (points, arguments), has the outcome. Outcomes that no
+    point has are omitted.
     """
     reached: dict[Outcome, NDArray[np.bool_]] = {}
 
@@ -71,8 +72,8 @@ def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
 
 
 def _candidates(traced: Routine) -> Array:
-    """The candidate values for each argument, an array of the kernel's format. Simple numbers come
-    first, so that they are preferred among equally good ones.
+    """The candidate values for each argument of the routine `traced`, an array of its format.
+    Simple numbers come first, so that they are preferred among equally good ones.
     """
     dtype = traced.format.dtype
     limits = np.finfo(dtype)
@@ -94,8 +95,8 @@ def _candidates(traced: Routine) -> Array:
 
 
 def _compared(block: Block) -> Iterator[float]:
-    """The real constants that occur in comparisons of the statements, also in called subroutines
-    and in branches.
+    """The real constants that occur in comparisons of the block's statements, also in called
+    subroutines and in branches.
     """
     for statement in block.statements:
         match statement:

@@ -102,8 +102,9 @@ def _sum_of_past(
 
 
 def _start(context: LayerContext, settings: Iir, elements: tuple[Axis, ...]) -> NodeId:
-    """The initial w of the filter, as if the argument had always been e = `init`: w = e / (1 + Σ
-    a). Without `init` it is 0.
+    """The node of the initial w of the filter, with the axes `elements`, as if the argument had
+    always been e = `init`: w = e / (1 + Σ a). Without `init` it is 0. Raises LoweringFailed after
+    reporting a mistake in `init`.
     """
     value = initial_value(context, settings.init, elements)
     if settings.init is None:

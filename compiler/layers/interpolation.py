@@ -60,7 +60,7 @@ def interpolation(context: LayerContext, settings: Interpolation, arguments: Arg
 
 
 def _counted(shape: tuple[int, ...]) -> str:
-    """The size of a table as text for messages: `3 values`, `2 rows of 3 values`."""
+    """The shape of a table as text for messages: `3 values`, `2 rows of 3 values`."""
     values = f"{shape[-1]} value{'s' if shape[-1] != 1 else ''}" if shape else "one number"
     rows = f"{shape[0]} row{'s' if shape[0] != 1 else ''} of " if len(shape) == 2 else ""
     return rows + values

@@ -55,7 +55,8 @@ def _numbers(
     inverse: bool = False,
 ) -> tuple[NodeId, NodeId]:
     """The nodes of mean and standard deviation, with the axes of `value`. Fixed numbers get the
-    unit `unit`. Reports settings that do not fit and raises LoweringFailed.
+    unit `unit`. `inverse` is True for a call `NAME.inverse(…)`. Reports settings that do not fit
+    and raises LoweringFailed.
     """
     mean, std = settings.mean, settings.std
     signal = _signal(context, settings, inverse) if "data" in (mean, std) else ""
@@ -72,7 +73,8 @@ def _numbers(
 
 def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
     """The name of the signal whose data give mean and standard deviation: that of `of:`, else the
-    argument of the first call. Reports anything but an input or target and raises LoweringFailed.
+    argument of the first call. `inverse` is True for a call `NAME.inverse(…)`, whose argument is no
+    signal. Reports anything but an input or target and raises LoweringFailed.
     """
     lowering, known = context.lowering, context.stores.normalized
     argument = context.call.arguments[0]

@@ -51,8 +51,9 @@ def savitzky_golay(context: LayerContext, settings: SavitzkyGolay, arguments: Ar
 
 
 def _weights(samples: int, order: int, derivative: int, lag: int) -> Array:
-    """The weight of each sample of the window for derivative m, with 1 sample as the unit of time:
-    m! times row m of the pseudo-inverse of the matrix of powers of time. Time 0 is t − lag.
+    """The weight of each sample of the window, for derivative m of a polynomial of degree `order`,
+    with 1 sample as the unit of time: m! times row m of the pseudo-inverse of the matrix of powers
+    of time. Time 0 is t − lag.
     """
     reach = max(samples - 1, 1)  # powers of at most 1 keep the fit well conditioned
     times = (np.arange(samples) - (samples - 1 - lag)) / reach

@@ -246,15 +246,16 @@ class _Linking:
 
     def _kind(self, name: str, sections: Mapping[str, Mapping[str, Any]]) -> str | None:
         """For a message, the kind of the entry `name`, which is no input of a sub-model, such as "a
-        sub-model"; None if there is no such entry.
+        sub-model"; None if `sections` have no such entry.
         """
         if name in self.use:
             return "a sub-model"
         return next((f"one of its {s}" for s in MODEL_SECTIONS if name in sections[s]), None)
 
     def _dims(self, spec: Spec, prefix: str, around: tuple[_Dims, ...]) -> _Dims:
-        """For each dimension of a spec, its full name and its declaration. A dimension that a spec
-        in `around` declares identically is shared and keeps the name that it has there.
+        """For each dimension of a spec, its full name, with `prefix` in front, and its declaration.
+        A dimension that a spec in `around` declares identically is shared and keeps the name that
+        it has there.
         """
         found: dict[str, tuple[str, Dimension]] = {}
         for name, dimension in spec.dims.items():
@@ -290,7 +291,9 @@ def _opened(entry: Entry) -> Entry:
 
 
 def _with_full_names(data: Data, renaming: Renaming) -> Data:
-    """The data section with full names; only its filters contain names of the spec."""
+    """The data section with the full names of `renaming`; only its filters contain names of the
+    spec.
+    """
     sources = {
         name: source.model_copy(update={"filter": renaming.entry(source.filter)})
         for name, source in data.source.items()

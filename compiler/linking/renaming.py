@@ -136,8 +136,8 @@ class Renaming:
     def _mapping(
         self, before: Mapping[str, Any], field: FieldInfo, arguments: frozenset[str]
     ) -> Mapping[str, Any]:
-        """A mapping in the field of an entry, with full names in its values. Keys that are names of
-        signals get full names too; others, which the entry itself declares, stay.
+        """The mapping `before`, the value of an entry's field, with full names in its values. Keys
+        that are names of signals get full names too; others, which the entry itself declares, stay.
         """
         are_signals = any(
             isinstance(note, Gathering) and note.schema in (signals, some_signals)

@@ -156,7 +156,8 @@ class Arrays:
         statistic: Statistic | None = None,
     ) -> Type:
         """Declares an array of a layer at its first use, and returns its type. `initial` are its
-        values in the shape of `axes`, `bounds` minimum and maximum (None for none).
+        values in the shape of `axes`, `bounds` minimum and maximum (None for none), `doc` describes
+        it.
 
         The array is learned, unless training computes it from the data as `statistic`.
         """
@@ -203,8 +204,8 @@ class Arrays:
 def initial_values(
     context: Context, name: str, initializer: Initializer, axes: tuple[Axis, ...]
 ) -> Array:
-    """The values of the `init:` of the array `name`, in the shape of `axes`. Reports unusable ones
-    and raises LoweringFailed.
+    """The values of `initializer`, the `init:` of the array `name`, in the shape of `axes`. Reports
+    unusable ones and raises LoweringFailed.
 
     Random values depend on the array's name and the draw of the compilation only.
     """
@@ -236,8 +237,8 @@ def _chosen(context: Context, name: str, initializer: Initializer, axes: tuple[A
 
 
 def _position(context: Context, name: str, shaped: Shaped, axes: tuple[Axis, ...]) -> int:
-    """The index of the axis along which the values of the `init:` vary: the axis that it names, by
-    default the last. Reports an unknown name and raises LoweringFailed.
+    """The index of the axis along which the profile `shaped` of an `init:` varies: the axis that it
+    names, by default the last. Reports an unknown name and raises LoweringFailed.
     """
     if shaped.along is None:
         return max(len(axes) - 1, 0)
@@ -251,7 +252,7 @@ def _position(context: Context, name: str, shaped: Shaped, axes: tuple[Axis, ...
 
 
 def _profile(shaped: Shaped, count: int) -> Array:
-    """`count` values of a profile at x = 0 … 1, evenly spaced: first·e^(−rate·x),
+    """`count` values of the profile `shaped` at x = 0 … 1, evenly spaced: first·e^(−rate·x),
     last·e^(−rate·(1−x)) or a line from first to last. A single element is `first`, or `last` if the
     profile names only that.
     """

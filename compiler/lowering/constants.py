@@ -227,8 +227,9 @@ def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
 
 
 def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
-    """A difference of two values, converted to their unit without the offset of units such as degC.
-    Raises LoweringFailed after reporting a unit of another dimension.
+    """`width`, a difference of two values such as a standard deviation, converted to their unit
+    without the offset of units such as degC. Raises LoweringFailed after reporting a unit of
+    another dimension.
     """
     number = converted(width, unit, context.findings, is_distance=True)
     if number is None:

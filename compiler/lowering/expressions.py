@@ -69,8 +69,8 @@ def report_declared_unit(
 
 
 def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
-    """A repair as text: if one operand is a number without unit, this number with the unit of the
-    other operand. None otherwise.
+    """A repair of a unit conflict as text: if one operand is a number without unit, this number
+    with the unit of the other operand. None otherwise.
     """
     if not isinstance(expression, Binary):
         return None
@@ -81,8 +81,8 @@ def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
 
 
 def _scale_between(conflict: UnitConflict) -> float | None:
-    """The factor that converts the actual unit to the expected one; None if their dimensions differ
-    or the factor is 1.
+    """The factor that converts the actual unit of a unit conflict to the expected one; None if
+    their dimensions differ or the factor is 1.
     """
     found, expected = conflict.found, conflict.expected
     factor = found.factor_to(expected) if found.same_dimension(expected) else 1.0
@@ -383,8 +383,8 @@ def _positive(context: Context, span: Span, samples: int) -> int:
 def window_of(
     context: Context, operand: tree.Expression, environment: Environment, first: int, last: int
 ) -> NodeId:
-    """The node of the samples t+first … t+last of an expression: each signal in it is read over
-    that window. A window of a window is reported and raises LoweringFailed.
+    """The node of the samples t+first … t+last of the expression `operand`: each signal in it is
+    read over that window. A window of a window is reported and raises LoweringFailed.
     """
     if environment.window is not None:
         context.findings.report(time.window_of_window(operand.span))

@@ -131,7 +131,9 @@ def report_surplus(
 
 
 def _repair(axes: Sequence[Axis], wanted: Sequence[Axis]) -> str | None:
-    """A repair as text for a list that has the right length but no dimension; None otherwise."""
+    """A repair as text for a list that has the length of the axis in `wanted` but no dimension;
+    None otherwise.
+    """
     if len(axes) == len(wanted) == 1 and axes[0] == Axis(UNNAMED, wanted[0].size):
         return f"a list has no dim: declare it as a constant with `dims: {wanted[0].name}`"
     return None

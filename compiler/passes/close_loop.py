@@ -172,7 +172,9 @@ class _Loop:
         return builder.select(builder.broadcast(lasts, axes), logged, predicted)
 
     def _with_prediction(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
-        """The node of the samples in the buffer, followed by the output of this step."""
+        """The node of the samples in the buffer, followed by the output of this step. `copies` maps
+        old node ids to those of the builder.
+        """
         predicted = self._predicted(builder, copies)
         return builder.emit(Window(self._tape_name), (predicted,), self._windowed(self.length + 1))
 
@@ -197,8 +199,8 @@ class _Loop:
 
 
 def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> State:
-    """The state that counts the remaining steps n of a warm-up: max(n − 1, 0) after each step.
-    `builder` is that of the step, `starts` that of the start.
+    """The state that counts the remaining steps n of a warm-up: `warm_up` at first, max(n − 1, 0)
+    after each step. `builder` is that of the step, `starts` that of the start.
     """
     left = builder.subtract(builder.state(WARM_UP, Type()), builder.constant(1.0))
     return State(

@@ -123,7 +123,7 @@ def at_samples(
 
 def _ancestors(graph: Graph, wanted: list[NodeId], work: Samplewise) -> list[NodeId]:
     """The ids of the nodes on which the wanted ones depend, operands first. The search ends at
-    fixed nodes and at the samples themselves, which are included.
+    nodes that are fixed by `work` and at the samples themselves, which are included.
     """
     found = set[NodeId]()
     while wanted:
@@ -177,8 +177,8 @@ def _sampled(
 def _of_operands(
     graph: Graph, node: Node, sampled: dict[NodeId, Sampled], fixed: set[NodeId]
 ) -> Sampled | None:
-    """The samples on which all operands of the node depend, apart from fixed operands. None if
-    these differ, or if a fixed operand varies along the window.
+    """The samples on which all operands of the node depend, apart from `fixed` operands; `sampled`
+    has those of earlier nodes. None if they differ, or if a fixed operand varies along the window.
     """
     found = [sampled[arg] for arg in node.args if arg in sampled]
     others = [arg for arg in node.args if arg not in sampled]
@@ -281,8 +281,8 @@ def _buffers(program: Program) -> dict[str, _Buffer]:
 def _uses(
     program: Program, buffers: dict[str, _Buffer], work: Samplewise
 ) -> dict[str, list[NodeId]]:
-    """For each buffer, the samplewise nodes that outputs, states or nodes that are not samplewise
-    read.
+    """For each buffer, the samplewise nodes of `work` that outputs, states or nodes that are not
+    samplewise read.
     """
     needed = {output.node for output in program.outputs}
     # the next value of a buffer is the shift, which the new buffer replaces
@@ -300,8 +300,8 @@ def _uses(
 def _candidates(
     program: Program, buffer: _Buffer, uses: list[NodeId], work: Samplewise
 ) -> list[_Move]:
-    """One move for each function f of single samples that the nodes `uses` compute; f(x) = x may be
-    among them.
+    """One move for each function f of single samples of the buffer that the nodes `uses` compute;
+    f(x) = x may be among them.
     """
     graph = program.step
     scratch = GraphBuilder(graph)
@@ -395,8 +395,8 @@ def _expected(
     copies: dict[NodeId, NodeId],
     work: Samplewise,
 ) -> Iterator[Expected]:
-    """The expected ranges with new node ids. That of a window moves to its newest sample, so that
-    each sample is checked once.
+    """The expected ranges with new node ids, by `copies`. That of a window moves to its newest
+    sample, so that each sample is checked once.
     """
     newest = {move.buffer.state.name: copies[move.buffer.newest] for move in moves}
     uses = {index for move in moves for index in move.uses}
@@ -418,7 +418,9 @@ def _window_of(
     move: _Move,
     work: Samplewise,
 ) -> NodeId:
-    """The node of the samples of f(x), from the new buffer, that replaces the node `index`."""
+    """The node of the samples of f(x), from the new buffer of `move`, that replaces the node
+    `index`. `copies` maps old node ids to those of the builder.
+    """
     sampled, like = move.uses[index], graph[index].type
     # older samples are not needed
     length = move.buffer.kept - move.oldest
@@ -442,7 +444,10 @@ def _state(
     copies: dict[NodeId, NodeId],
     work: Samplewise,
 ) -> State:
-    """The new buffer of f(x) as a state; its initial samples are f of those of the old buffer."""
+    """The new buffer of f(x) for `move`, as a state; its initial samples are f of those of the old
+    buffer. `builder` is that of the step, `starts` that of the start; `copies` maps old node ids of
+    the step to new ones.
+    """
     buffer, use = move.buffer, next(iter(move.uses))
     graph, old = program.step, buffer.state
     length = buffer.kept - move.oldest

@@ -171,7 +171,7 @@ def _value(graph: Graph, node: Node, known: list[Any], largest: int) -> Array | 
 
 def _chosen(node: Node, known: list[Any]) -> NodeId | None:
     """The operand that a `Select` takes if its condition is a constant and the same for all
-    elements; None for any other node.
+    elements; None for any other node. `known` has the constant values of nodes, by id.
     """
     if not isinstance(node.op, ops.Select):
         return None

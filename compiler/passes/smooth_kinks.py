@@ -224,7 +224,7 @@ def compared(graph: Graph, condition: NodeId) -> tuple[NodeId, NodeId] | None:
 
 def _distances(graph: Graph, node: Node, ranges: ValueRanges) -> Iterator[tuple[str, Interval]]:
     """For each quantity at whose zero the operation has a kink: the operation's name in a spec, and
-    the interval of the quantity.
+    the interval of the quantity, from the intervals `ranges` of all nodes.
     """
     args = node.args
     match node.op:

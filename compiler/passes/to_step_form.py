@@ -146,7 +146,9 @@ class _Port:
         return builder.emit(Window(self._buffer_name), (newest,), self._windowed(self.length + 1))
 
     def state(self, builder: GraphBuilder, starts: GraphBuilder) -> State:
-        """The state that is the buffer of the samples before the newest one."""
+        """The state that is the buffer of the samples before the newest one. `builder` is that of
+        the step, `starts` that of the start.
+        """
         kept = builder.slice(self._past(builder), WINDOW, 1, self.length + 1)
         first, last = self.newest - self.length, self.newest - 1
         start = starts.log(self.signal.name, first, last, self._windowed(self.length))

@@ -214,7 +214,7 @@ class Shared:
 
 def read(make: type[Made], data: Any, place: str, shared: Shared) -> Made:
     """Reads an object of the dataclass `make` from the JSON object `data`; `place` is its path in
-    the file. Raises Malformed.
+    the file, `shared` has the facts that all values of the file share. Raises Malformed.
     """
     record = PlainRecord(data, place)
     made = _read_fields(make, record, shared)
@@ -223,7 +223,9 @@ def read(make: type[Made], data: Any, place: str, shared: Shared) -> Made:
 
 
 def to_data(value: object, shared: Shared) -> Data:
-    """A JSON object with the fields of a dataclass object, from which `read` restores it."""
+    """A JSON object with the fields of a dataclass object, from which `read` restores it; `shared`
+    has the facts that all values of the file share.
+    """
     data: Data = {}
     for one in _fields(type(value)):
         found = getattr(value, one.name)

@@ -107,8 +107,9 @@ class _Watch:
         values: dict[int, Array],
         format: Format,
     ) -> None:
-        """Reports the outcomes of both operands of a && or ||. C evaluates the second operand only
-        where the first does not decide. `which` are the ids under which the outcomes are reported.
+        """Reports the outcomes of both operands of `statement`, a && or ||. C evaluates the second
+        operand only where the first does not decide. `which` are the ids under which the outcomes
+        are reported.
         """
         assert isinstance(statement.operation, traced.Binary)
         left, right = statement.operation.left, statement.operation.right

@@ -241,7 +241,9 @@ def real_constant(value: float, format: Format) -> Constant:
 
 
 def symbolic(tracer: Tracer, target: Local) -> Value:
-    """The local variable as a `Real`, `Truth` or `Unsigned`, by its kind."""
+    """The local variable `target` as a `Real`, `Truth` or `Unsigned`, by its kind; operations on it
+    are recorded by `tracer`.
+    """
     match target.kind:
         case ValueKind.REAL:
             return Real(tracer, target)
@@ -371,7 +373,7 @@ class Subroutine:
 
 
 def call(subroutine: Subroutine, *arguments: Real) -> Real:
-    """Calls a routine with a single result, a real, and returns it."""
+    """Adds a call of a subroutine with a single result, a real, and returns that result."""
     (result,) = subroutine(*arguments)
     assert isinstance(result, Real)
     return result

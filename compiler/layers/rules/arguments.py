@@ -119,8 +119,8 @@ def read_window(context: LayerContext, settings: Windowed) -> Arguments:
 
 
 def _joined(context: LayerContext, nodes: list[NodeId], time_axis: tuple[Axis, ...]) -> NodeId:
-    """The elements of several values, concatenated along one unnamed axis, before the axis
-    `time_axis` if there is one. The unit is unknown if the units differ.
+    """The elements of all `nodes`, concatenated along one unnamed axis, before the axis `time_axis`
+    if there is one. The unit is unknown if the units differ.
     """
     builder = context.builder
     units = [builder.type(node).unit for node in nodes]

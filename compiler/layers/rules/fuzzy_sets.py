@@ -178,8 +178,8 @@ def gaussian(sets: FuzzySets, widths: NodeId) -> NodeId:
 
 
 def neighbour_widths(centers: Array) -> Array:
-    """For each centre, half the mean distance to its neighbours, a width of `gaussian`:
-    neighbouring sets intersect at about 0.6. A single centre has width 1.
+    """For each of the ascending centres, half the mean distance to its neighbours, a width of
+    `gaussian`: neighbouring sets intersect at about 0.6. A single centre has width 1.
     """
     if len(centers) == 1:
         return np.ones(1)

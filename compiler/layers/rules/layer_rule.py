@@ -111,8 +111,8 @@ class LayerContext:
         return self.lowering.dimension(dimension.value, dimension.span)
 
     def out(self, dimension: Located[str] | None) -> tuple[Axis, ...]:
-        """The axis that the option `out:` names, in a tuple; empty (a scalar) without the
-        option.
+        """The axis of `dimension`, the option `out:`, in a tuple; empty (a scalar) without the
+        option. Reports an unknown dimension and raises LoweringFailed.
         """
         return (self.axis(dimension),) if dimension else ()
 
@@ -140,8 +140,9 @@ class LayerContext:
         """The node of the learnable array `layer.suffix` with the axes of the cells followed by
         `axes`.
 
-        `initial` has that shape or is broadcast to it; `low` and `high` are bounds. Reports a
-        second call whose arguments need other axes, and raises LoweringFailed.
+        `initial` has that shape or is broadcast to it; `low` and `high` are bounds, `doc` describes
+        the array in reports. Reports a second call whose arguments need other axes, and raises
+        LoweringFailed.
         """
         full = self._admitted(axes)
         values = np.broadcast_to(np.asarray(initial, dtype=float), [axis.size for axis in full])
@@ -169,9 +170,10 @@ class LayerContext:
     def initial(
         self, suffix: str, initializer: Initializer | None, axes: tuple[Axis, ...], bound: float
     ) -> Array:
-        """The initial values of the array `layer.suffix`: those of `init:`, otherwise uniform
-        random values in ±bound that depend on the array's name. They have the axes of the cells
-        followed by `axes`.
+        """The initial values of the array `layer.suffix`: those of `init:` (`initializer`),
+        otherwise uniform random values in ±bound that depend on the array's name. They have the
+        axes of the cells followed by `axes`. Raises LoweringFailed after reporting a mistake in
+        `init:`.
         """
         full = self._admitted(axes)
         name = f"{self.name}.{suffix}"

@@ -74,7 +74,8 @@ class CallMemory:
 
     def becomes(self, following: NodeId, start: NodeId, doc: str) -> None:
         """Sets the state's value at t+1 to the node `following`, and its value at t0 to `start`, a
-        node of the start graph. Both are broadcast to the axes of the state.
+        node of the start graph. Both are broadcast to the axes of the state. `doc` describes the
+        state.
         """
         context, axes = self.context, self.type.axes
         state = ProgramState(
@@ -167,8 +168,9 @@ class Orders:
 def declare_fit(
     context: LayerContext, wanted: Prediction, argument: NodeId, orders: Orders
 ) -> None:
-    """Adds the initial fit of a layer, from the node `argument` to the recorded signal that
-    `wanted` names. Reports a layer that cannot be fitted and raises LoweringFailed.
+    """Adds the initial fit of a layer, a linear system with these `orders`, from the node
+    `argument` to the recorded signal that `wanted` names. Reports a layer that cannot be fitted and
+    raises LoweringFailed.
 
     A layer of a sub-model with a connected input has no fit, as its input is not recorded. Neither
     has a layer with weights from a file or frozen ones.

@@ -82,8 +82,8 @@ class PluginContext:
         return self.inner.axis(dimension)
 
     def out(self, dimension: Located[str] | None) -> tuple[Axis, ...]:
-        """The axis that the option `out:` names, in a tuple; empty (a scalar) without the
-        option.
+        """The axis of `dimension`, the option `out:`, in a tuple; empty (a scalar) without the
+        option. Reports an unknown dimension and ends the call.
         """
         return self.inner.out(dimension)
 

@@ -215,8 +215,8 @@ class PluginBuilder:
         return self._made(found)
 
     def slice(self, value: PluginNode, axis: str, start: int, stop: int) -> PluginNode:
-        """Elements start … stop-1, counted from 0, along the axis of this name; the axis
-        remains.
+        """Elements start … stop-1, counted from 0, along the axis of this name; the axis remains.
+        Raises ValueError for elements that it does not have.
         """
         first, end = _whole(start, "the start"), _whole(stop, "the end")
         size = self._axis(value, axis).size
@@ -225,7 +225,9 @@ class PluginBuilder:
         return self._made(self._builder.slice(self._index(value), axis, first, end))
 
     def element(self, value: PluginNode, axis: str, index: int) -> PluginNode:
-        """The element `index`, counted from 0, along the axis of this name, which is removed."""
+        """The element `index`, counted from 0, along the axis of this name, which is removed.
+        Raises ValueError for an element that it does not have.
+        """
         first = _whole(index, "the index")
         size = self._axis(value, axis).size
         if not 0 <= first < size:
@@ -306,9 +308,9 @@ def guarded_expansion(
     place: Span,
     *arguments: Any,
 ) -> NodeId:
-    """The id of the node that the function `expand` of a plug-in returns for these arguments.
-    Raises SpecError (E0230) at `place` if it fails, returns no value of the builder or adds an
-    illegal node.
+    """The id of the node that the function `expand` of the plug-in's `part` returns for these
+    arguments. Raises SpecError (E0230) at `place` if it fails, returns no value of the builder or
+    adds an illegal node.
     """
     known = builder.size
 

@@ -63,7 +63,7 @@ def _arguments(
     graph: Graph, node: Node, ranges: ValueRanges
 ) -> Iterator[tuple[NodeId, tuple[float, ...]]]:
     """The operands with respect to which the node's derivative may be infinite, each with the
-    values at which it is.
+    values at which it is. `ranges` has the intervals of all nodes.
     """
     match node.op:
         case ops.Divide():

@@ -35,7 +35,9 @@ class Interval:
         return self.low <= value <= self.high and not (value == 0 and self.nonzero)
 
     def within(self, other: Interval) -> Interval:
-        """The intersection with another interval; this interval unchanged if they have none."""
+        """The intersection of this interval with `other`; this interval unchanged if it
+        is empty.
+        """
         low, high = max(self.low, other.low), min(self.high, other.high)
         if low > high:  # an empty intersection: the declared ranges contradict each other
             return self
@@ -307,7 +309,8 @@ def holding(
     graph: Graph, condition: NodeId, ranges: ValueRanges, *, holds: bool
 ) -> dict[NodeId, Interval]:
     """Bounds of the operands of a comparison, and of nodes inside them, that follow if it is true
-    (`holds`) or false. Empty if the node `condition` is no comparison.
+    (`holds`) or false. `ranges` has the intervals of all nodes. Empty if the node `condition` is no
+    comparison.
     """
     # a condition is broadcast if its branches have more axes
     node = graph[graph.unrepeated(condition)]
@@ -360,8 +363,8 @@ def _of_range(name: str, range: tuple[float, float]) -> Interval:
 
 
 def _source(name: str, origin: object) -> str:
-    """The name whose samples the state `name` stores: the source of a buffer, otherwise the state
-    itself.
+    """The name whose samples the state `name` stores: the source of a buffer, by its `origin`,
+    otherwise the state itself.
     """
     match origin:
         case History(source) | Tape(source):

@@ -185,8 +185,8 @@ def spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: 
 
 
 def _runs(kept: Kept) -> list[tuple[int, int]]:
-    """Splits ascending indices into runs of consecutive ones, as pairs (start, stop) with stop
-    exclusive.
+    """Splits the ascending indices `kept` into runs of consecutive ones, as pairs (start, stop)
+    with stop exclusive.
     """
     runs: list[tuple[int, int]] = []
     for index in kept:
@@ -253,8 +253,8 @@ class SelectedElements:
         return builder.graph(), self._copies
 
     def expected(self, entries: Iterable[Expected]) -> tuple[Expected, ...]:
-        """The expected ranges, with new node ids, of values that are needed as a whole. Call
-        `rebuilt` before.
+        """Those of the expected ranges `entries` whose value is needed as a whole, with new node
+        ids. Call `rebuilt` before.
         """
         return tuple(
             replace(entry, node=self._copies[entry.node])
@@ -376,8 +376,8 @@ class SelectedElements:
     def _reduced(
         self, builder: GraphBuilder, index: NodeId, selection: Selection, args: Sequence[NodeId]
     ) -> NodeId:
-        """The node of a reduction over its nonzero terms, with zeros for elements that have none.
-        `args` are the selected operands.
+        """The elements `selection` of the reduction `index`, computed from its nonzero terms, with
+        zeros for elements that have none. `args` are the selected operands.
         """
         node, chosen = self._graph[index], dict(selection)
         axes = kept_axes(node, chosen)
