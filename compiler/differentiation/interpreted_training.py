@@ -31,7 +31,7 @@ class InterpretedLosses:
     sums: dict[str, Total]
     counts: dict[str, Total]
     gradient: dict[str, Total]
-    """By parameter, in physical values."""
+    """The gradient with respect to each parameter in its physical unit, by name."""
 
 
 class InterpretedTraining:

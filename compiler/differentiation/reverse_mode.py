@@ -73,7 +73,7 @@ class StepGradients:
     states: Mapping[str, NodeId]
     parameters: Mapping[str, NodeId]
     signals: Mapping[str, NodeId]
-    """By signal; empty if not requested."""
+    """The gradients by signals; empty if not requested."""
 
 
 def step_gradients(

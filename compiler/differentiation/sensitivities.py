@@ -52,11 +52,12 @@ class LossResiduals:
 
     loss: Loss
     values: NodeId
-    """Axes (…)."""
+    """The residuals r, axes (…)."""
     slopes: NodeId
     """∂r/∂θ, axes (LEARNED, …)."""
     left_out: NodeId | None
-    """√w where a derivative is infinite, else 0, axes (…); None if none can be infinite."""
+    """√w of the row factor w (1 without factors) where a derivative is infinite, else 0, axes (…);
+    None if none can be infinite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +161,7 @@ class Sensitivities:
 
     program: Program
     learned: tuple[str, ...]
-    """Parameters in the order of LEARNED."""
+    """Names of the learned parameters, in the order of the axis LEARNED."""
     losses: tuple[LossTerm, ...]
     residuals: tuple[LossResiduals, ...]
     """Residuals of the losses that are sums of squares."""
@@ -347,7 +348,8 @@ def _depending(graph: Graph, parameters: frozenset[str], states: frozenset[str])
 
 
 ROOT = "root of the covariance"
-"""The parameter L, axes (LEARNED, DIRECTION)."""
+"""Name of the parameter L with LLᵀ the covariance of the learned elements, axes (LEARNED,
+direction)."""
 
 VARIANCE = "variance of "
 """Prefix of the name of an output with the elementwise variance of another output."""

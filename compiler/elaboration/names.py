@@ -460,9 +460,9 @@ class PartMembers(Generic[M]):
     """
 
     call: Callable[[Context, LinkedPart[M], Call, Environment], NodeId]
-    """The node of a call of a member; LoweringFailed once its mistakes are reported."""
+    """Returns the node of a call of a member. Raises LoweringFailed after reporting a mistake."""
     unknown: Callable[[LinkedPart[M], Member], Diagnostic]
-    """The report of a member that is no value by itself, or is not there."""
+    """Returns the diagnostic of a member that does not exist or is no value without a call."""
 
 
 AnyPartMembers: TypeAlias = PartMembers[Any]

@@ -38,13 +38,14 @@ class OtherProgram:
     """
 
     program: Program
-    """With the hash of the model's spec."""
+    """The program, with the hash of the model's spec."""
     findings: tuple[Diagnostic, ...]
     """Warnings about it that the program of the model does not have."""
 
 
 CompileOther: TypeAlias = Callable[[Linked], OtherProgram]
-"""Compiles another linked spec with the options of the model; SpecError if it is wrong."""
+"""Compiles another linked spec with the options of the model. Raises SpecError with its
+mistakes."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +69,12 @@ class Section(Generic[E, P]):
     """
 
     compile: Callable[[E, Linked, Program, CompileOther], CompiledSection[P]]
-    """The problem, from the entry, the linked spec and the model's program. SpecError for every
-    mistake of the section."""
+    """Returns the compiled section, from the entry, the linked spec and the model's program. Raises
+    SpecError with every mistake of the section."""
     text: Callable[[P], str]
-    """The tables of `msnn show`."""
+    """Returns the tables that `msnn show` prints for the section."""
     names_used: Callable[[E], Iterable[str]] = no_names
-    """Names of the spec that count as used because the section names them."""
+    """Returns the names of the spec that the section refers to; they count as used."""
 
 
 def problem_of_class(problems: Mapping[str, SectionProblem], kind: type[P]) -> P | None:

@@ -56,7 +56,8 @@ class Histories:
         self._lengths: dict[str, int] = {}
         self._places: dict[str, Span] = {}
         self._refused: set[str] = set()
-        """Windows whose own past is read, which is reported; they get no buffer."""
+        """Names of values that are windows themselves although their past is read. This is
+        reported; they get no buffer."""
 
     def read(
         self, name: str, entry: State | Equation | Output, span: Span, environment: Environment
@@ -273,7 +274,8 @@ class States:
         self._integrators = integrators
         self._flow: dict[str, Mapping[str, NodeId]] = {}
         self._next: dict[str, NodeId | None] = {}
-        """None for a state whose `next` failed or is being lowered."""
+        """The node of the next value of each state; None if its `next` failed or is being
+        lowered."""
         self._followed: list[str] = []
         """States whose `next` is being lowered, outermost first."""
         self._differentiated: list[str] = []

@@ -24,9 +24,9 @@ class Bounded:
 
     value: Array
     error: Array
-    """Σ of the errors of the terms, in float64."""
+    """Sum of the maximum errors of the terms, in float64."""
     terms: Array
-    """Σ|terms|, in float64."""
+    """Sum of the magnitudes of the terms, in float64."""
     count: int
 
     def spread(self, unit: float) -> Array:
@@ -123,7 +123,7 @@ def chosen(value: Array, error: Array) -> Bounded:
     """The result of an operation that selects one of several values, with the rounding bound
     `error` for each element.
 
-    A NaN bound, from an infinite value, becomes infinite.
+    An infinite value may have the bound 0. A NaN bound becomes infinite.
     """
     error = np.where(np.isnan(error), np.inf, error)
     return Bounded(value, error, np.abs(value.astype(float)) + error, 1)

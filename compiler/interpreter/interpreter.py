@@ -56,8 +56,8 @@ class Interpreter:
     The log has one array (rows, *shape) per signal. `t` are row numbers, one per member of the
     batch. `weights` are physical arrays by name; a missing one is the initial value of the
     parameter. With float32 every operation rounds to float32, and scalar functions are the math
-    kernels. Raises ValueError for weights of a wrong shape or another dtype, IndexError for rows
-    outside the log.
+    kernels. Raises ValueError for weights of a wrong shape, and for a dtype other than float32 and
+    float64; IndexError for rows outside the log.
     """
 
     def __init__(

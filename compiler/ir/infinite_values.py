@@ -58,8 +58,8 @@ class InfiniteValues:
         self._graph = graph
         self._signs: list[Sign] = []
         self._divisor_signs: list[Sign] = []
-        """The same, assuming that no parameter, and nothing computed from parameters alone, is
-        0."""
+        """The sign of each node, assuming that no parameter, and nothing computed from parameters
+        alone, is 0."""
         self._fixed: list[bool] = []
         self._infinite: list[Infinite] = []
         self._made_of: list[bool] = []

@@ -239,7 +239,7 @@ _ROWS = (
 # fmt: on
 
 SCALAR_FUNCTIONS: dict[str, ScalarFunction] = {row.name: row for row in _ROWS}
-"""The table, by name."""
+"""The table of scalar functions, by name."""
 
 
 SIGNATURES: dict[str, Signature] = {

@@ -120,7 +120,8 @@ def _read(program: Program, roots: Sequence[NodeId]) -> tuple[Vector, Vector]:
 
 
 Slopes = tuple[dict[NodeId, NodeId], ...]
-"""For each element its gradients by part nodes, in the axes of the part; absent where 0."""
+"""For each element, the nodes of its gradients with respect to part nodes, by these; in the axes of
+the part, absent if 0."""
 
 
 def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Graph, Slopes]:

@@ -19,7 +19,7 @@ from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Type
 
 Marks = NDArray[np.float64]
-"""0 where an element is structurally 0, otherwise positive."""
+"""An array of marks: 0 for structural zeros, positive for other elements."""
 
 
 def nonzero_elements(graph: Graph, values: Iterable[NodeId]) -> dict[NodeId, NDArray[np.bool_]]:

@@ -52,7 +52,8 @@ def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
 
 
 _BESIDES = {"pow": ((-math.inf, 1.5),)}
-"""The C code moves the selection of pow's sign into a branch, which adds an outcome."""
+"""Additional arguments: the C code moves the selection of pow's sign into a branch, which adds an
+outcome."""
 
 
 def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:

@@ -25,9 +25,9 @@ LAYERS: Mapping[str, str] = {
     "StateSpace": "state_space",
     "SavitzkyGolay": "savitzky_golay",
 }
-"""The file of every kind of layer, by the name of the class of its settings, which is loaded as
-late. Its rule has the file's name in capitals. A file is loaded with the first layer of its kind:
-most specs have one kind or none."""
+"""The file of each kind of layer, by the name of the class of its settings. The rule in the file
+has the file's name in capitals. A file is imported with the first layer of its kind, since most
+specs have one kind or none."""
 
 
 @cache

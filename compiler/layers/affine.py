@@ -22,13 +22,13 @@ class Affine:
     weight: str
     """Name of W within the layer."""
     bias: str | Located[str] | None
-    """Name of b within the layer or of a parameter, None for a map without one."""
+    """Name of b within the layer, or the parameter that is b; None for a map without b."""
     out: tuple[Axis, ...]
     init: Initializer | None
     """Initial weights; by default uniform in ±`bound`."""
     bound: float
     given: Located[str] | None = None
-    """The parameter that W is, instead of an array of the layer."""
+    """The parameter that is W; None if W is an array of the layer."""
 
     def of(self, context: LayerContext, value: NodeId, summed: Axis) -> NodeId:
         """The node y for the node x = `value`, summed over its axis `summed`. Reports an argument

@@ -69,7 +69,7 @@ _OPERATORS: dict[str, tuple[int, _Operator]] = {
     "sub": (2, lambda builder, z: builder.subtract(*z)),
     "mul": (2, lambda builder, z: builder.multiply(*z)),
 }
-"""What the functions of the language do not have a name for: number of operands and meaning."""
+"""Functions that have no name in the language: their number of operands and their lowering."""
 
 
 def _term(context: LayerContext, function: Located[str], operands: list[NodeId]) -> NodeId:

@@ -75,9 +75,9 @@ class LinkedPart(Generic[M_co]):
     name: str
     line: PartLine
     model: M_co
-    """The part as its file and its entry describe it."""
+    """The data of the part, read from its file and its entry in the spec."""
     names: Mapping[str, str]
-    """The full names of its dims and parameters by those that it calls them."""
+    """The full names of the part's dims and parameters, by their names within the part."""
 
 
 @dataclass(frozen=True)
@@ -87,16 +87,18 @@ class Linked:
     """
 
     spec: Spec
-    """`use` has the sub-models of sub-models too; inputs that are connected are equations."""
+    """The joined spec. Its `use` has the sub-models of sub-models too; connected inputs are
+    equations."""
     integrators: Mapping[str, Integrator | None]
-    """How the continuous states of the model ("") and of each sub-model are integrated."""
+    """The integrator of the continuous states of the model ("") and of each sub-model; None means
+    the default."""
     files: Mapping[str, ReadResult] = field(default_factory=dict[str, ReadResult])
-    """What was read for each sub-model."""
+    """The parsed file of each sub-model, by full name."""
     weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, Array]])
     numbers: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Texts of files of initial values that were read before, by path."""
+    """Contents of files of initial values that were read before, by path."""
     parts: Mapping[str, LinkedPart[object]] = field(default_factory=dict[str, LinkedPart[object]])
-    """Parts of other kinds than specs, by their full names."""
+    """The parts that are no specs, such as robots, by full name."""
 
 
 def link(
@@ -135,9 +137,9 @@ MODEL_SECTIONS = (
     "equations",
     "outputs",
 )
-"""Sections whose entries have names that expressions use, but `dims`."""
+"""Sections whose entries have names that expressions use, except `dims`."""
 _Dims = Mapping[str, tuple[str, Dimension]]
-"""Dimensions of a spec: by base name the full name and the declaration."""
+"""Dimensions of a spec: for each name in the spec, the full name and the declaration."""
 
 
 @dataclass(frozen=True)

@@ -252,7 +252,7 @@ class _Field:
     key: str
     form: _Form
     absent: Any
-    """The value that is omitted; MISSING if there is none."""
+    """The value with which the field is omitted from the file; MISSING if it is always written."""
 
 
 @cache

@@ -31,7 +31,7 @@ class FuzzySets:
     value: NodeId
     axis: Axis
     centers: NodeId
-    """Along `axis`, in the unit of the value."""
+    """The node of the centres, along `axis`, in the unit of the value."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:

@@ -57,7 +57,8 @@ class LayerStores:
     argument_units: dict[str, Unit] = field(default_factory=dict[str, Unit])
     """The unit of the argument of each fuzzify layer's first call."""
     read_uncalled: set[str] = field(default_factory=set[str])
-    """Layers whose centres are read; their unit comes from a call, which may be later."""
+    """Layers of which `NAME.centers` is read; the unit of the centres comes from a call, which may
+    be later."""
 
     def found_units(self) -> Mapping[str, Unit]:
         """The units of the centres that are read as `NAME.centers`, by layer, as far as this

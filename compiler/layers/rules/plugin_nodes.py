@@ -55,7 +55,7 @@ class PluginNode:
     graph: GraphBuilder
 
     __array_ufunc__ = None
-    """numpy must not take it for a number either."""
+    """Makes operators of numpy arrays and numbers fail as well."""
 
     def __repr__(self) -> str:
         return "a node of the builder"

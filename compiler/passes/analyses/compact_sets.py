@@ -156,7 +156,7 @@ def _support(graph: Graph, node: Node, known: list[dict[str, NodeId]]) -> dict[s
 
 def _both(first: dict[str, NodeId], second: dict[str, NodeId]) -> dict[str, NodeId]:
     """For a product of two values, the axes along which it is 0 where sets are 0, with the node of
-    the sets; `first` and `second` say the same of its factors. Axes along which the factors have
+    the sets. `first` and `second` say the same of its factors. Axes along which the factors have
     different sets are omitted.
     """
     either = second | first

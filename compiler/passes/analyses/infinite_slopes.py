@@ -13,7 +13,7 @@ from spec_schema.errors import calculus as errors
 from spec_schema.late_dataclass import dataclass
 
 _Guard = tuple[NodeId, bool]
-"""A condition, and the value that it must have."""
+"""A bool node, and the value that it must have."""
 
 
 def infinite_slopes(program: Program) -> list[Diagnostic]:
