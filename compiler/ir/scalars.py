@@ -35,8 +35,8 @@ Array = NDArray[Any]
 
 
 class Derivative(Protocol):
-    """∂f/∂(one argument), from the arguments `a` and the function's value `v`. `b` does the
-    arithmetic: on arrays, or by adding nodes to a graph.
+    """∂f/∂(one argument) of a scalar function f, from its arguments `a` and its value `v`. `b` does
+    the arithmetic: by adding nodes to a graph, or on numbers.
     """
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], v: V, /) -> V: ...
@@ -44,15 +44,15 @@ class Derivative(Protocol):
 
 class Curvatures(Protocol):
     """∂²f/∂x², ∂²f/∂x∂y and ∂²f/∂y² of a function of two arguments x, y = `a` with the value `v`.
-    `b` does the arithmetic: on arrays, or by adding nodes to a graph.
+    `b` does the arithmetic: by adding nodes to a graph, or on numbers.
     """
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], v: V, /) -> tuple[V, V, V]: ...
 
 
 class FormulaOf(Protocol):
-    """A function of the arguments `a`, expressed by other functions. `b` does the arithmetic: on
-    arrays, or by adding nodes to a graph.
+    """A function of the arguments `a`, expressed by other functions. `b` does the arithmetic: by
+    adding nodes to a graph, or on numbers.
     """
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], /) -> V: ...
