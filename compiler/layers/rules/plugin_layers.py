@@ -114,9 +114,9 @@ class PluginContext:
 
         `initial` has the shape of the axes, or is one number. `low` and `high` are its bounds.
         `doc` describes the array. Raises ValueError for a suffix that is no name or is declared
-        before in this call, for an empty or repeated axis, for bounds without room, and for an
-        initial value that is not finite or not within them. Raises TypeError for an argument of a
-        wrong class.
+        before in this call, and for an empty or repeated axis. The same holds for bounds without
+        room, and for an initial value that is not finite or not within them. Raises TypeError for
+        an argument of a wrong class.
         """
         name = checked(suffix, str, "the name of a learned array")
         if not is_name(name):
