@@ -227,9 +227,9 @@ class _Rule:
         return b.broadcast(product, axes)
 
     def _picked(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
-        """The tangent of a contraction with respect to a leaf p = `moving` whose seed is an
-        identity matrix. ∂(Σ pᵢⱼ xⱼ)/∂pᵢⱼ is xⱼ in row i, which avoids a sum with zeros. None for
-        other seeds.
+        """The tangent of a contraction over `axis` with respect to a leaf p = `moving` whose seed
+        is an identity matrix. ∂(Σ pᵢⱼ xⱼ)/∂pᵢⱼ is xⱼ in row i, which avoids a sum with zeros. None
+        for other seeds.
         """
         b = self.builder
         # the seed is rows of an identity matrix: the sum over the axis has one nonzero term

@@ -79,8 +79,8 @@ class StepGradients:
 def step_gradients(
     builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId], *, signals: bool = True
 ) -> StepGradients:
-    """The gradients of a scalar S with respect to all states, parameters and signals that a step
-    reads. `adjoints` has ∂S/∂y by node y.
+    """The gradients of a scalar S with respect to all states and parameters that a step reads, and
+    with `signals` also to its signals. `adjoints` has ∂S/∂y by node y.
 
     A buffer state is read whole (`ReadState`), or together with its newest sample (`Window`).
     `signals` requires a graph that reads each signal once, as step form does; window form reads a

@@ -12,11 +12,10 @@ from compiler.ir.program import Graph, Loss, Measure, Program
 
 
 def is_sum_of_squares(graph: Graph, loss: Loss) -> bool:
-    """True for the measures mse and huber, and for the square of one value without a target (`l2`).
-    `graph` is the step.
+    """True if the loss is a sum of squares: mse, huber, or the square of one value without a target
+    (`l2`). `graph` is the step.
 
-    Huber is a sum of squares by reweighting: e²/2 near zero, and a square with the same derivative
-    beyond δ.
+    Huber is one by reweighting: e²/2 near zero, and a square with the same derivative beyond δ.
     """
     match loss.measure:
         case Measure.MSE | Measure.HUBER:

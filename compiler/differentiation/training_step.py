@@ -156,8 +156,8 @@ def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
 
 
 def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
-    """The node of prediction − target, or of the prediction if there is no target or the measure is
-    a mean; 0 for elements that are not scored.
+    """The node of the loss's prediction − target, or of the prediction if there is no target or the
+    measure is a mean; 0 for elements that are not scored.
     """
     error = loss.prediction
     # the target of a mean only marks missing samples
@@ -172,8 +172,8 @@ def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
 
 
 def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
-    """The node of the weight of each element: the factor of its row, the scalar node `rows`; 0
-    where its target is missing.
+    """The node of the weight of each element of a loss: the factor of its row, the scalar node
+    `rows`; 0 where its target is missing.
 
     A negative factor counts as 0; data with negative factors are refused (E0850).
     """
@@ -187,8 +187,8 @@ def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
 
 
 def _present(builder: GraphBuilder, loss: Loss) -> NodeId | None:
-    """The bool node that is true for the scored elements; None if all elements are scored for any
-    data.
+    """The bool node that is true for the scored elements of a loss; None if all elements are scored
+    for any data.
     """
     if loss.rows is None:
         return None if loss.target is None else _there(builder, loss.target)
@@ -339,8 +339,8 @@ def compared_squares(program: Program) -> Program:
 
 
 def _square(builder: GraphBuilder, loss: Loss, target: NodeId) -> NodeId:
-    """The node of the square of each element of a target, times the factor of its row; 0 where the
-    target is missing.
+    """The node of the square of each element of the loss's target, times the factor of its row; 0
+    where the target is missing.
     """
     axes = builder.type(target).axes
     zero = builder.broadcast(builder.constant(0.0), axes)

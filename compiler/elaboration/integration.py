@@ -150,8 +150,8 @@ class _Steps:
             builder.name(node, label)
 
     def _semi_implicit(self, values: Values) -> Values:
-        """The states after a semi-implicit Euler step: xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ … xₙ, τ), in the
-        order of `states:`, with x⁺ the new values; order 1.
+        """The states after a semi-implicit Euler step from x = `values`: xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ
+        … xₙ, τ), in the order of `states:`, with x⁺ the new values; order 1.
 
         For a position and a velocity this is the symplectic Euler method, in either order (Hairer,
         Lubich, Wanner: Geometric Numerical Integration, 2006, I.1.2, equation 1.9).
@@ -164,8 +164,8 @@ class _Steps:
         return moved
 
     def _linear_implicit(self, values: Values) -> Values:
-        """The states after a linearly implicit Euler step: x + Δ with (I − h J) Δ = h f(x, τ) and J
-        = ∂f/∂x at x and at τ, the end of the step; order 1, L-stable.
+        """The states after a linearly implicit Euler step from x = `values`: x + Δ with (I − h J) Δ
+        = h f(x, τ) and J = ∂f/∂x at x and at τ, the end of the step; order 1, L-stable.
 
         The method is Hairer, Wanner: Solving Ordinary Differential Equations II, 1996, IV.7, with s
         = 1 and γ = 1. Time-dependent terms are evaluated at the end of the step, as in the implicit
@@ -215,8 +215,8 @@ class _Steps:
         return moved
 
     def _runge_kutta(self, values: Values) -> Values:
-        """The states after a step of the classical Runge-Kutta method: x + h/6 · (k₁ + 2(k₂ + k₃) +
-        k₄), with the derivatives k₁ … k₄ (Kutta 1901).
+        """The states after a step of the classical Runge-Kutta method from x = `values`: x + h/6 ·
+        (k₁ + 2(k₂ + k₃) + k₄), with the derivatives k₁ … k₄ (Kutta 1901).
         """
         builder = self.context.builder(STEP)
         h = self.step_length

@@ -330,8 +330,8 @@ _WORDS_OF_AXES = {WINDOW: "samples", UNNAMED: "elements"}
 
 
 def lower_penalty(context: Context, function: str, call: Call) -> tuple[NodeId, Penalty | None]:
-    """The node of the cost of a penalty. Also the penalised array, if a proximal step can set its
-    elements or slices to exactly 0, else None.
+    """The node of the cost of a penalty, `function` being `l1`, `l2` or `group`. Also the penalised
+    array, if a proximal step can set its elements or slices to exactly 0, else None.
 
     l1: |x| and l2: x² of each element, which are averaged. group(A, over=d): the sum over d of the
     Euclidean norm of each slice (Yuan, Lin 2006). Raises LoweringFailed after reporting a mistake.

@@ -306,7 +306,8 @@ class States:
 
     def call(self, function: str, call: Call, environment: Environment) -> NodeId:
         """The node of `next(x)`, the value of the state x after the step, or of `flow(x)`, the
-        result of its integrator. Raises LoweringFailed after reporting a mistake.
+        result of its integrator; `function` is `next` or `flow`. Raises LoweringFailed after
+        reporting a mistake.
         """
         findings = self._context.findings
         if len(call.arguments) != 1 or call.keywords:

@@ -182,9 +182,9 @@ def _picked(b: GraphBuilder, node: Node, axis: str, args: Sequence[NodeId]) -> N
 
 
 def _runs(values: NDArray[np.float64]) -> list[tuple[int, int]] | None:
-    """Splits the rows of a matrix into runs (start, stop), stop exclusive, of rows that select
-    consecutive elements or are 0. None if a row selects several elements or there are too many
-    runs.
+    """Splits the rows of the matrix `values` into runs (start, stop), stop exclusive, of rows that
+    select consecutive elements or are 0. None if a row selects several elements or there are too
+    many runs.
     """
     nonzero = values != 0
     # two nonzero elements in a row are a sum, not a slice

@@ -90,7 +90,7 @@ class BoundedGraph:
         taken: Mapping[NodeId, Taken] | None = None,
     ) -> list[Bounded]:
         """Evaluates the wanted nodes, and all nodes that they depend on, at the rows `t`, one per
-        member. Returns a list indexed by node id; other entries are None.
+        member, with these states. Returns a list indexed by node id; other entries are None.
 
         `training` has the values of `ReadTraining` nodes. `taken` prescribes the outcomes of some
         comparisons and signs, which then have no error.
@@ -217,7 +217,8 @@ class BoundedGraph:
         return float(np.finfo(self._dtype).smallest_subnormal)
 
     def _sum(self, value: Array, error: Array, terms: Array, count: int) -> Bounded:
-        """The value of a sum with its bounds; the error is infinite if a sum of the terms in
+        """The value of a sum of `count` terms with its bounds: `error` is the sum of the terms'
+        errors, `terms` that of their magnitudes. The error is infinite if a sum of the terms in
         another order may overflow.
         """
         value = value.astype(self._dtype, copy=False)

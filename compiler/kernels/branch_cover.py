@@ -31,8 +31,8 @@ Array = NDArray[Any]
 
 @cache
 def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
-    """A small set of arguments of the kernel `name` that together take both sides of its branches,
-    as far as any candidate does. Each element is one tuple of arguments.
+    """A small set of arguments of the kernel `name` in the format `real` that together take both
+    sides of its branches, as far as any candidate does. Each element is one tuple of arguments.
 
     Candidates are at, below and above every constant of a comparison, across all exponents, and
     infinity and NaN.

@@ -399,7 +399,9 @@ def number_path(path: str, beside: str) -> str:
 
 
 def number_text(path: str) -> str:
-    """The text of a file. Raises UnusableFileError if it is missing, too large or no text."""
+    """The text of the file `path`. Raises UnusableFileError if it is missing, too large
+    or no text.
+    """
     if "\0" in path:
         raise UnusableFileError("that is no path")
     file = Path(path)

@@ -148,8 +148,8 @@ def _is_singular(op: ops.Op) -> bool:
 
 
 def _order(graph: Graph, guards: list[Guard | None], roots: list[NodeId]) -> list[NodeId]:
-    """The nodes that the roots depend on, each after its operands and after the conditions of its
-    guard.
+    """The nodes that the roots depend on, each after its operands; a singular operation also after
+    the conditions of its guard.
 
     Such an order exists. Suppose c depended on a node that c′ guards, and c′ on one that c guards.
     Then every `Select` by c would be in a branch of one by c′ and vice versa. That is impossible

@@ -203,9 +203,10 @@ def retime(program: Program, *, fixed_parameters: bool) -> Program:
     """If a history of x is only read as f(window of x), keeps a history of f(x) instead.
 
     f is any function of single samples: elementwise, and sums over axes other than the window. It
-    may read constants, and parameters if these are fixed, since a changed parameter would
-    invalidate stored samples. The new buffer starts as f of the start of the old one. f(x) is no
-    larger than x; both buffers are kept only if f calls a scalar function (`tanh`).
+    may read constants, and parameters if `fixed_parameters` says that these are fixed, since a
+    changed parameter would invalidate stored samples. The new buffer starts as f of the start of
+    the old one. f(x) is no larger than x; both buffers are kept only if f calls a scalar function
+    (`tanh`).
 
     Before: step form, without losses. After: the same outputs up to rounding, in step form.
     Example, before and after:

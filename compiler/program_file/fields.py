@@ -160,8 +160,8 @@ def unit_to_data(unit: Unit) -> Any:
 
 
 def unit_from_data(data: Any, place: str) -> Unit:
-    """Reads a unit as `unit_to_data` writes it; `place` is its path in the file. Raises
-    Malformed.
+    """Reads a unit from `data` as `unit_to_data` writes it; `place` is its path in the file. Raises
+    Malformed for any other data.
     """
     if isinstance(data, str):
         try:

@@ -184,8 +184,8 @@ def program_from_data(data: Any, name: str) -> Program:
 
 
 def data_to_json(data: dict[str, Any]) -> str:
-    """JSON text of the object, with one line per item of its lists, so that files can be compared
-    by line. Raises ValueError for NaN or infinity.
+    """JSON text of the object `data`, with one line per item of its lists, so that files can be
+    compared by line. Raises ValueError for NaN or infinity.
     """
     fields: list[str] = []
     for key, value in data.items():

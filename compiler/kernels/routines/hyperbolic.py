@@ -22,8 +22,8 @@ from compiler.kernels.trace.values import Real, Subroutine, Value, branch, selec
 
 
 def tiny(format: Format) -> float:
-    """The |x| below which an odd function with derivative 1 at 0, such as sin, rounds to
-    x itself.
+    """The |x| below which an odd function with derivative 1 at 0, such as sin, rounds to x itself
+    in this format.
     """
     return 2.0 ** -((format.digits + 1) // 2)
 

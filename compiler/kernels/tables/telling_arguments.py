@@ -289,8 +289,8 @@ HEXADECIMAL: dict[tuple[str, RealName], str] = {
 
 
 def telling_arguments(kernel: str, real: RealName, arity: int) -> list[tuple[float, ...]]:
-    """The test arguments of a kernel with `arity` parameters, one tuple per call. `branch_cover`
-    adds others, for the branches.
+    """The test arguments of a kernel with `arity` parameters in the format `real`, one tuple per
+    call. `branch_cover` adds others, for the branches.
 
     Raises KeyError for a kernel without stored arguments.
     """

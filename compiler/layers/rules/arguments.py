@@ -93,9 +93,9 @@ def read_elements(context: LayerContext, settings: Entry) -> Arguments:
 
 
 def read_window(context: LayerContext, settings: Windowed) -> Arguments:
-    """The node of the window over which a filter runs: the argument over the layer's `window:`, or
-    the argument's own window (R1). Reports a missing or a different window and raises
-    LoweringFailed.
+    """The node of the window over which a filter runs, in a tuple: the argument over the layer's
+    `window:`, or the argument's own window (R1). Reports a missing or a different window, or a
+    static model, and raises LoweringFailed.
     """
     _check_count(context, "1 argument", len(context.call.arguments) == 1)
     lowering, argument = context.lowering, context.call.arguments[0]

@@ -44,8 +44,8 @@ class FuzzySets:
         return self.builder.broadcast(self.value if node is None else node, self.axes)
 
     def numbers(self, values: Array | float) -> NodeId:
-        """A dimensionless constant with one element per set, or one for all, broadcast to
-        all axes.
+        """A dimensionless constant, with one element of `values` per set or one for all, broadcast
+        to all axes.
         """
         axes = (self.axis,) if np.ndim(values) else ()
         return self.spread(self.builder.constant(values, axes))

@@ -118,8 +118,8 @@ class LayerContext:
         return (self.axis(dimension),) if dimension else ()
 
     def own_axis(self, suffix: str, size: int) -> Axis:
-        """An internal axis of the layer, named `layer.suffix`. Dimensions of the spec have no such
-        dot.
+        """An internal axis of the layer of this size, named `layer.suffix`. Dimensions of the spec
+        have no such dot.
         """
         return Axis(f"{self.name}.{suffix}", size)
 

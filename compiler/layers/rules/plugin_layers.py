@@ -88,8 +88,8 @@ class PluginContext:
         return self.inner.out(dimension)
 
     def own_axis(self, suffix: str, size: int) -> Axis:
-        """An internal axis of the layer, named `layer.suffix`. Dimensions of the spec have no such
-        dot.
+        """An internal axis of the layer of this size, named `layer.suffix`. Dimensions of the spec
+        have no such dot.
         """
         return self.inner.own_axis(suffix, size)
 
@@ -236,8 +236,8 @@ def read_window(context: PluginContext, settings: readers.Windowed) -> PluginArg
 
 
 def rule_of_plugin(line: registry.LayerLine) -> AnyRule:
-    """The rule of a plug-in's layer. Its functions are wrapped, so that their mistakes raise
-    SpecError (E0230), which names the plug-in.
+    """The rule of the plug-in's layer that `line` of the registry lists. Its functions are wrapped,
+    so that their mistakes raise SpecError (E0230), which names the plug-in.
     """
     part = PluginPart("layer", line.key, line.rule.module, (LoweringFailed,))
     found: object = line.rule.value

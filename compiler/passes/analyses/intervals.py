@@ -127,8 +127,8 @@ def of_function(function: str, x: Sequence[Interval]) -> Interval:
 
 
 def _wave(function: str, x: Interval) -> Interval:
-    """The interval of "sin" or "cos" for angles in `x`: values at the ends, and extrema between
-    them.
+    """The interval of `function`, "sin" or "cos", for angles in `x`: values at the ends, and
+    extrema between them.
     """
     # an infinite interval contains all phases
     if not math.isfinite(x.high - x.low):
