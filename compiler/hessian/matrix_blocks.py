@@ -61,9 +61,9 @@ def curvature_of_groups(
     columns: Sequence[DirectionRun],
     width: int,
 ) -> list[Placed]:
-    """Places a block (directions, other directions) in a Hessian with `width` columns, and its
-    transpose unless `rows` and `columns` are the same object. They map the directions to rows and
-    columns.
+    """Places a block (directions, other directions) in a Hessian with `width` columns. `rows` and
+    `columns` map the directions to rows and columns. The transpose is placed, too, unless both are
+    the same object.
     """
     first, second = (axis.name for axis in builder.type(block).axes)
     found: list[Placed] = []

@@ -340,8 +340,8 @@ def _name(
 
 
 def _worthwhile(program: Program, moves: list[_Move]) -> list[_Move]:
-    """The moves that are carried out: a single one that replaces the old buffer, or of several
-    those that save calls of scalar functions.
+    """The moves that are carried out: those with a gain (`_fits`), and if a buffer has several
+    moves only those that save calls of scalar functions.
     """
     fit = [move for move in moves if _fits(program, move)]
     # several functions of one buffer need several buffers, which pays off for calls only
