@@ -32,6 +32,8 @@ from msnn.errors.data import files as errors
 from msnn.errors.data.rows import decimal_between_cells
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
+from spec_schema.errors.schema import ambiguous_thousands
+from spec_schema.sections.data import THOUSANDS
 
 _CHUNK = 1 << 20
 
@@ -60,6 +62,10 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
     is_both = signs.delimiter == signs.decimal and header.width > 1
     if is_both and not any('"' in text for _, text in lines()):
         raise SpecError((decimal_between_cells(shown, signs.decimal, header.place),))
+    if signs.thousands is not None and separates(signs.delimiter, THOUSANDS[signs.thousands]):
+        repair = "name the true delimiter by `delimiter:`, or remove `thousands:`"
+        role = f"separates the cells of {shown}"
+        raise SpecError((ambiguous_thousands(signs.thousands, role, header.place, repair),))
     places = header.places(wanted)
     if header.width == 1:
         lines = with_blank_rows(partial(content_lines, path, dialect, shown, blank=True), header)
@@ -69,6 +75,11 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
     if columns is None or not _complete(columns, tuple(places), wanted.optional):
         return text_table(lines, header, places, wanted)
     return named_table(lines, header, places, CheckedColumns(columns, {}))
+
+
+def separates(delimiter: str, signs: str) -> bool:
+    """True if cells are split at one of the signs; blanks of any width are one delimiter."""
+    return delimiter in signs or (delimiter == BLANKS and signs.isspace())
 
 
 def text_table(
