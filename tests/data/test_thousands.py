@@ -146,6 +146,7 @@ def test_messages_offer_the_key(
         assert key is None
         return
     assert key is not None
+    assert 'decimal: ","' in key or not csv
     assert values(tmp_path, key.removeprefix("csv: "), cells, delimiter) == [number]
 
 

@@ -62,7 +62,7 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
     is_both = signs.delimiter == signs.decimal and header.width > 1
     if is_both and not any('"' in text for _, text in lines()):
         raise SpecError((decimal_between_cells(shown, signs.decimal, header.place),))
-    if signs.thousands is not None and separates(signs.delimiter, THOUSANDS[signs.thousands]):
+    if signs.thousands is not None and signs.delimiter in THOUSANDS[signs.thousands]:
         repair = "name the true delimiter by `delimiter:`, or remove `thousands:`"
         role = f"separates the cells of {shown}"
         raise SpecError((ambiguous_thousands(signs.thousands, role, header.place, repair),))
@@ -75,11 +75,6 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
     if columns is None or not _complete(columns, tuple(places), wanted.optional):
         return text_table(lines, header, places, wanted)
     return named_table(lines, header, places, CheckedColumns(columns, {}))
-
-
-def separates(delimiter: str, signs: str) -> bool:
-    """True if cells are split at one of the signs; blanks of any width are one delimiter."""
-    return delimiter in signs or (delimiter == BLANKS and signs.isspace())
 
 
 def text_table(
