@@ -22,10 +22,10 @@ def proposed_orders(pieces: Sequence[Piece]) -> tuple[int, ...]:
     """Orders 1 to 4, and those that AIC and BIC choose up to 40, the smallest first.
 
     An ARX model has lags 1 … order of the output and of each input. With p coefficients and
-    one-step errors e in n rows, AIC = n ln(Σe²/n) + 2 p (Akaike 1974) and BIC = n ln(Σe²/n) + p ln n
-    (Schwarz 1978). Both compare one-step errors; the caller compares simulations of these orders.
-    An order needs 20 rows per coefficient. The search ends five orders after both criteria have
-    stopped falling, so that a small system takes a short search.
+    one-step errors e in n rows, AIC = n ln(Σe²/n) + 2 p (Akaike 1974) and
+    BIC = n ln(Σe²/n) + p ln n (Schwarz 1978). Both compare one-step errors; the caller compares
+    simulations of these orders. An order needs 20 rows per coefficient. The search ends five orders
+    after both criteria have stopped falling, so that a small system takes a short search.
     """
     if not pieces:
         return _ALWAYS

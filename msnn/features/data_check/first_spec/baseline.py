@@ -35,7 +35,7 @@ _ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20)
 _AS_GOOD = 1.02
 """Minimum ratio of errors for selecting a larger model: 2 %."""
 _USEFUL = 0.9
-"""Maximum error of a free run, relative to a constant, that shows which model is better."""
+"""Maximum error of a simulation, relative to a constant, that shows which model is better."""
 VALIDATION = 0.2
 _LONGEST_ROLLOUT = 200
 _MOST_CHOICES = 12
@@ -88,7 +88,7 @@ def choose_baseline(
     follows: BoolArray,
     held_out: BoolArray,
 ) -> Baseline:
-    """The smallest model whose free run over the held-out rows is about as good as that of others.
+    """The smallest model that simulates the held-out rows about as well as the best one.
 
     Inputs are left out if they are set-points, or if the data show no response to them.
     """
@@ -169,14 +169,14 @@ def choose_baseline(
 
 
 _HALF = 0.5
-"""Error of a free run, relative to a constant, at which a model without set-points is accepted."""
+"""Error of a simulation, relative to a constant, that a model without set-points may have."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
     equations: tuple[Equation, ...]
     error: float
-    """Of the free run, relative to a constant."""
+    """Error of the simulation, relative to a constant."""
     one_step: float
     stable: bool
 
@@ -246,9 +246,9 @@ class _Choice:
 
 
 def _smallest(tried: Sequence[_Candidate]) -> _Candidate:
-    """The model with the fewest weights of those that are about as good as any, by the free run.
+    """The model with the fewest weights of those that simulate about as well as the best one.
 
-    By the error of one step where no free run is better than a constant, as without inputs. A model
+    One-step errors decide where no simulation is better than a constant, as without inputs. A model
     whose errors grow must be much better than those of stable ones.
     """
     stable = [c for c in tried if c.stable and np.isfinite(c.error)]
@@ -263,7 +263,7 @@ def _smallest(tried: Sequence[_Candidate]) -> _Candidate:
 
 
 def _rounded(rows: Rows, equations: Sequence[Equation]) -> tuple[Equation, ...]:
-    """The equations with few digits, as many as their free run needs."""
+    """The equations with as few digits as change their simulation by less than 0.1 %."""
     exact = relative_error(rows, free_run(rows, equations))
     for digits in range(_FEWEST_DIGITS, 16, 2):
         short = tuple(equation.rounded(digits) for equation in equations)
@@ -297,7 +297,8 @@ def _set_points(
                 controller = next((i for i in others if feedback(each, i) is not None), None)
             if controller is not None:
                 found.setdefault(number, (target, controller))
-    return found
+    # some input must remain
+    return found if len(found) < len(names) else {}
 
 
 def _horizon(pieces: Sequence[Piece], found: Responses | None, past: int, late: int) -> int:

@@ -182,7 +182,7 @@ def _is_data(row: Sequence[str], width: int, numeric: Sequence[int], decimal: st
 _LONGEST_NAME = 40
 _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
 _BESIDE = re.compile(r"\W+")
-"""What is no letter in any script: a name with `_` in its place is as the header has it."""
+"""Characters that are letters in no script; a name may have `_` in their place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -134,7 +134,7 @@ def _regressors(table: FloatArray, terms: Sequence[Term], order: int, rows: slic
 
 
 def largest_pole(equations: Sequence[Equation]) -> float:
-    """The spectral radius of the free run: below 1, errors decay."""
+    """The spectral radius of the simulated system: below 1, errors decay."""
     order, size = equations[0].order, len(equations)
     first = _feedback(equations)
     shift = np.eye(size * (order - 1), size * order)
