@@ -492,6 +492,13 @@ class Layout(Entry):
     """What a record is: a file, or a row group of a Parquet file, which is read at a time."""
     missing: Marks | None = None
     """Numbers and texts of cells that mean: not measured."""
+    duplicates: (
+        Annotated[
+            Literal["first", "last", "mean", "error"], choice("first", "last", "mean", "error")
+        ]
+        | None
+    ) = None
+    """Which of successive rows with the same time is used, or their mean; else an error."""
 
 
 class Source(Layout):

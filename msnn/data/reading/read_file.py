@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
-from msnn.data.dataset import FloatArray, TimeUnit
+from msnn.data.dataset import BETWEEN_ROWS, FloatArray, IntArray, TimeUnit
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.table_of_formats import unread_suffix
 from msnn.data.formats.text.csv_header import Dialect
@@ -27,6 +27,7 @@ from msnn.data.reading.columns import (
     report_scaled_twice,
     wanted_columns,
 )
+from msnn.data.reading.duplicates import RemainingRows, without_duplicates
 from msnn.data.reading.files import DataFile, unused_without_times
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.rollout_rows import compared_signals, measured_beside, signals_only_compared
@@ -66,6 +67,22 @@ class FileOrigin:
     """Time of the file's first row in the recording, in seconds."""
     seconds: float
     """The file's time 0 in the recording, in seconds."""
+    remaining: Mapping[ColumnKey, RemainingRows] = field(
+        default_factory=dict[ColumnKey, RemainingRows]
+    )
+    """The rows without duplicates, for each column; empty if the file has none."""
+
+    def file_rows(self, rows: IntArray, key: ColumnKey | None = None) -> IntArray:
+        """The rows of the file, of rows of the recording that are from this file.
+
+        `key` names the column if columns have times of their own.
+        """
+        own = np.where(rows == BETWEEN_ROWS, rows, rows - self.row)
+        if not self.remaining:
+            return own
+        # without a key: all columns have the same times, or rows mean little
+        key = next(iter(self.remaining)) if key is None else key
+        return np.where(rows == BETWEEN_ROWS, rows, self.remaining[key].rows[own])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,8 +101,9 @@ class ReadFile:
     time_unit: TimeUnit | None = None
 
     def as_recorded(self) -> ReadFile:
-        """The same file without resampling; gaps are not errors."""
-        layout = self.file.layout.model_copy(update={"resample": "none"})
+        """The same file without resampling; gaps and repeated times are not errors."""
+        # `first` changes nothing here: it was applied when the file was read
+        layout = self.file.layout.model_copy(update={"resample": "none", "duplicates": "first"})
         return replace(self, file=replace(self.file, layout=layout))
 
     @property
@@ -95,10 +113,27 @@ class ReadFile:
             return self.read.rows
         return len(next(iter(self.read.columns.values()))[0])
 
-    def row_of(self, row: int) -> tuple[str, int]:
-        """The file that a row of the recording comes from, and its row in that file."""
+    def row_of(self, row: int, key: ColumnKey | None = None) -> tuple[str, int]:
+        """The file that a row of the recording comes from, and its row in that file.
+
+        `key` names the column if columns have times of their own.
+        """
         origin = next(origin for origin in reversed(self.origins) if origin.row <= row)
-        return origin.file, row - origin.row
+        return origin.file, int(origin.file_rows(np.array([row]), key)[0])
+
+    @property
+    def counted_rows(self) -> IntArray | None:
+        """The number of each row, from 0, where duplicates count too; None if there are none."""
+        if not any(origin.remaining for origin in self.origins):
+            return None
+        stops = [*(origin.row for origin in self.origins[1:]), self.rows]
+        numbers: list[IntArray] = []
+        begin = 0
+        for origin, stop in zip(self.origins, stops, strict=True):
+            numbers.append(begin + origin.file_rows(np.arange(origin.row, stop)))
+            remaining = next(iter(origin.remaining.values()), None)
+            begin += stop - origin.row if remaining is None else remaining.count
+        return np.concatenate(numbers)
 
     @property
     def begins(self) -> Moment | None:
@@ -147,6 +182,9 @@ def read_file(
         mine.report(no_column_read(file.shown, program.name))
     if read is not None and not mine.failed:
         read = _in_seconds(read, file, column, mine)
+    remaining: Mapping[ColumnKey, RemainingRows] = {}
+    if read is not None and not mine.failed:
+        read, remaining = without_duplicates(read, file.layout.duplicates or data.duplicates)
     findings.report(*mine.in_order)
     if read is None or mine.failed:
         return None
@@ -156,7 +194,7 @@ def read_file(
         found=found,
         more=more,
         uses=_uses(program, found, more, whole or program),
-        origins=(FileOrigin(file.shown, 0, 0.0, 0.0),),
+        origins=(FileOrigin(file.shown, 0, 0.0, 0.0, remaining),),
         time_unit=_time_unit(read, column),
     )
 
