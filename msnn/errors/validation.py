@@ -1,4 +1,4 @@
-"""E0853, E0870, W0809, W1004, W1005: results of validations, and reports of runs."""
+"""E0853, E0870, W0809, W0842, W1004, W1005: results of validations, and reports of runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,6 +42,19 @@ def extrapolates(name: str, outside: Sequence[Outside]) -> Diagnostic:
         "each has its share"
     )
     return warning("W1004", None, message, help=repair)
+
+
+def worse_than_mean(*, of: str, rmse: str, mean: str, rows: str, simulated: str) -> Diagnostic:
+    """W0842: an output whose errors are larger than those of a constant."""
+    message = (
+        f"`{of}` is worse than predicting the mean: rmse {rmse} ({simulated}), "
+        f"the mean of the {rows} rows has {mean}"
+    )
+    repair = (
+        "train longer or from other initial values, or look for a delay or an input that lacks: "
+        "`msnn data`"
+    )
+    return warning("W0842", None, message, help=repair)
 
 
 def of_another_fold(run: str, trained: int, held_out: int) -> Diagnostic:

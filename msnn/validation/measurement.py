@@ -17,7 +17,12 @@ import numpy as np
 
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.data.rollout_rows import Runs
-from msnn.validation.judged_errors import NOT_JUDGED, JudgedErrors, judged_errors
+from msnn.validation.judged_errors import (
+    NOT_JUDGED,
+    TRAINED_ON,
+    JudgedErrors,
+    judged_errors,
+)
 from msnn.validation.plan import CheckPlan
 from msnn.validation.ready_check import Counted, ReadyCheck
 from msnn.validation.statistics.coverage import Coverage
@@ -60,6 +65,15 @@ class ErrorTrace:
     high: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class MeanError:
+    """The RMSE of the target around a constant, the simplest prediction."""
+
+    rmse: float
+    of: str
+    """The rows whose mean is the constant: `training`, or `scored` without training rows."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement:
     """One output compared with its target: one set of rollouts, all metrics."""
@@ -75,6 +89,8 @@ class Measurement:
     rows: str
     scored: int
     metrics: Mapping[Metric, Scores]
+    mean: MeanError
+    """The error of a constant prediction."""
     curve: ErrorCurve | None
     """None for one-step rollouts."""
     trace: ErrorTrace
@@ -82,6 +98,15 @@ class Measurement:
     """The analysis of the errors."""
     coverage: Coverage | None = None
     """Coverage of prediction intervals, if requested."""
+
+    @property
+    def times_mean(self) -> float:
+        """The RMSE relative to that of the mean; 0 where the targets do not differ from it."""
+        rmse, mean = self.metrics["rmse"], self.mean.rmse
+        if rmse.count < 2 or not mean > 0:
+            return 0.0
+        # errors that are no numbers are worse than any
+        return rmse.value / mean if np.isfinite(rmse.value) else np.inf
 
 
 def bounds(count: int, most: int = _POINTS) -> IntArray:
@@ -339,6 +364,20 @@ class Measuring:
         """True if the rounding of another engine could move the metric across a limit of `plan`."""
         return metric_in_doubt(plan, self._errors, self._largest, self._learned)
 
+    def _mean_error(self) -> MeanError:
+        """The RMSE of each element's mean as prediction: √((Σ(target − m)²) / n)."""
+        target, data = self._errors.target, self._check.data
+        of, constant = "scored", target.mean
+        if TRAINED_ON in data.sets:
+            trained = self._target[data.set_of_row == data.sets.index(TRAINED_ON)]
+            trained = trained.reshape(len(trained), len(target.mean))
+            found = Spread.of(trained, ~np.isnan(trained))
+            if (found.count > 0).all():
+                of, constant = "training", found.mean
+        # Σ(y − m)² = Σ(y − ȳ)² + n (ȳ − m)²
+        squares = target.squares + target.count * (target.mean - constant) ** 2
+        return MeanError(float(np.sqrt(squares.sum() / max(target.count.sum(), 1))), of)
+
     def measurement(self, *, judges: bool) -> Measurement:
         """The metrics of everything that was added; `judges` adds the analysis of errors."""
         assert self._along is not None, "there are rollouts"
@@ -361,6 +400,7 @@ class Measuring:
             rows=rows_text(check.data, rows[there]),
             scored=metrics["rmse"].count,
             metrics=metrics,
+            mean=self._mean_error(),
             curve=self._curve.curve(),
             trace=extremes.trace(),
             judged=judged_errors(check, rows, by_row.errors) if judges else NOT_JUDGED,

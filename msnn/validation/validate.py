@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.validation import Outside, extrapolates
+from msnn.errors.validation import Outside, extrapolates, worse_than_mean
 from msnn.model.model import learned_numbers
 from msnn.model.weights.covariance import Covariance
 from msnn.model.weights.kept_starts import KeptStarts
@@ -22,7 +22,7 @@ from msnn.validation.ready_check import ReadyCheck, ready_check, with_found_star
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.sections.training import Stage, Validation
-from spec_schema.units.unit import Unit
+from spec_schema.units.unit import ONE, Unit
 
 Weights = Mapping[str, FloatArray]
 _TOLD = 0.01
@@ -158,8 +158,30 @@ def validate(
             *findings.in_order,
             *simulator.notes,
             *(extrapolates(name, tuple(each.values())) for name, each in far.items() if each),
+            *(_worse_than_mean(measured) if judges_errors else ()),
         ),
     )
+
+
+def _worse_than_mean(measured: Sequence[Measurement]) -> Iterator[Diagnostic]:
+    """W0842 for each output with larger errors than a constant, of the simulation with the worst
+    ratio.
+    """
+    worst: dict[str, Measurement] = {}
+    for found in measured:
+        before = worst.get(found.of)
+        if found.times_mean > 1 and (before is None or found.times_mean > before.times_mean):
+            worst[found.of] = found
+    for found in worst.values():
+        unit = "" if found.unit is None or found.unit == ONE else f" {found.unit.text}"
+        steps = found.horizon if found.horizon.isdecimal() else f"`{found.horizon}`"
+        yield worse_than_mean(
+            of=found.of,
+            rmse=f"{found.metrics['rmse'].value:.4g}{unit}",
+            mean=f"{found.mean.rmse:.4g}{unit}",
+            rows=found.mean.of,
+            simulated=f"rollout {steps}, set `{found.data}`",
+        )
 
 
 def _measured_apart(checks: Sequence[ReadyCheck]) -> list[ReadyCheck]:

@@ -62,7 +62,6 @@ def test_every_verb_has_them(msnn: CommandLine, verb: str):
 @pytest.mark.parametrize(
     ("words", "option"),
     [
-        (("init", "new", "--data", "a.csv", "--predict", "x", "--predict=y"), "--predict"),
         (("validate", SPEC, "--engine", "native", "--engine", "torch"), "--engine"),
         (("train", SPEC, "-o", "a", "--out", "b"), "--out"),
         (("show", SPEC, "-oa", "-ob"), "--output"),

@@ -203,7 +203,7 @@ def test_usual_names_of_text_files_are_read_silently(
     [
         (b"|CF,2,1,1;|CK,1,3,1,1;\n1;2;3\n4;5;6\n", "has no columns", ""),
         (b"imc log\nversion 2\nt,u,z\n0,1,2\n0.1,1,2\n", "is its line 3", "{skip: 2}"),
-        (b"\x00\xff\xfe\x80" * 40, "it is not UTF-8 text", "iconv"),
+        ("t,u,z\n0,1,2°\n".encode("latin-1"), "it is not UTF-8 text", "iconv"),
         (b"PK\x03\x04" + b"\x00" * 40, "", ""),
         (b"", "is empty", "or save the file as CSV"),
         (b"t,u,z\n0,1,2\n0.1,one,2\n", "`one`", ""),

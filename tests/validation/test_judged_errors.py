@@ -149,7 +149,8 @@ def test_inputs_outside_of_the_training_rows_are_one_line_of_a_set():
         series[name][200:] *= 4
     series["v"][200:] *= 0.9
     data = dataset(series, train=[200], test=[200])
-    (warning,) = validate(program, data, spec.checks, {"k": np.array(1.0)}).warnings
+    warning, worse = validate(program, data, spec.checks, {"k": np.array(1.0)}).warnings
+    assert worse.code == "W0842"
     assert warning.code == "W1004"
     assert warning.message.startswith("in rows scored in `test` inputs are outside of what was ")
     assert warning.message.count("`u` in ") == warning.message.count("`w` in ") == 1
@@ -235,3 +236,21 @@ def test_what_no_step_has_read_is_not_beyond_the_training_range(row: int, share:
     far = [each for each in judged(report).extrapolations if each.signal == "u"]
     # a new range is told from its first value on, of 998 that were scored
     assert [each.share for each in far if each.high < 1e3] == ([share] if share else [])
+
+
+@pytest.mark.parametrize(("scale", "worse"), [(1.0, False), (-3.0, True)])
+def test_a_model_that_is_worse_than_the_mean_of_the_training_rows_is_told(
+    scale: float, worse: bool
+):
+    """A weight of the wrong sign; the mean is that of the rows of the training."""
+    report = measured("record", {name: scale * value for name, value in TRUE.items()})
+    (found,) = report.measurements
+    x = gain_series(2000)["x"]
+    constant = np.mean(x[:1000])
+    assert found.mean.of == "training"
+    assert found.mean.rmse == pytest.approx(np.sqrt(np.mean((x[1000:] - constant) ** 2)), rel=0.01)
+    said = [warning.message for warning in report.warnings if warning.code == "W0842"]
+    assert len(said) == worse
+    if worse:
+        assert "`x_next` is worse than predicting the mean: rmse " in said[0]
+        assert "(rollout `record`, set `test`), the mean of the training rows has" in said[0]

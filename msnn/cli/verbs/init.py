@@ -13,33 +13,39 @@ def init(
         Path, typer.Argument(metavar="NAME", help="The folder to make; its name is the model's.")
     ],
     data: Annotated[
-        Path | None,
-        typer.Option("--data", metavar="FILE", help="A CSV file to make the spec of."),
+        list[Path] | None,
+        typer.Option(
+            "--data",
+            metavar="FILE",
+            help="A table of text or a workbook to make the spec of, or a pattern; repeatable.",
+        ),
     ] = None,
     predict: Annotated[
-        str | None,
-        typer.Option("--predict", metavar="COLUMN", help="With --data: the column to predict."),
+        list[str] | None,
+        typer.Option(
+            "--predict", metavar="COLUMN", help="With --data: a column to predict; repeatable."
+        ),
     ] = None,
 ) -> None:
     """Make a project that works.
 
     A folder with a spec, the JSON Schema that helps editors with it, a little simulated data and a
-    README that shows the next steps. With --data the spec is a linear model of the columns of a
-    file, with their units, ranges, delays and sample time, which trains at once. Nothing that
-    exists is overwritten.
+    README that shows the next steps. With --data the spec is a linear model of the columns of
+    files, with their units, ranges, delays and sample time, which begins at its least-squares fit.
+    Nothing that exists is overwritten.
     """
     from msnn.cli.console import note, result
     from msnn.features.data_check.first_spec.new_spec import TargetNotNamedError, new_project_from
     from msnn.project.new_project import new_project
 
-    if data is None:
-        if predict is not None:
+    if not data:
+        if predict:
             raise typer.BadParameter("names a column of `--data FILE`", param_hint="'--predict'")
         made = new_project(folder)
         result(f"{made}: {made.name}.msnn.yaml, data, README.md")
         return
     try:
-        made, spec = new_project_from(folder, data, predict)
+        made, spec = new_project_from(folder, data, predict or ())
     except TargetNotNamedError as error:
         raise typer.BadParameter(str(error), param_hint="'--predict'") from None
     for line in spec.notes:

@@ -1,4 +1,4 @@
-"""W0810-W0829, W0847, E0827-E0829, E1130: findings of `msnn data`, errors of `msnn init --data`."""
+"""W0810-W0829, W0847, E0827-E0829, E0882, E0883, E1130: messages about recordings."""
 
 from __future__ import annotations
 
@@ -342,6 +342,19 @@ def few_rows(file: str, rows: int, needed: int) -> Diagnostic:
     """E0829: a file with too few rows to train and to validate."""
     message = f"{file} has {rows} rows, too few to train on some and to validate on others"
     return error("E0829", None, message, help=f"at least {needed} are needed")
+
+
+def unlike_files(first: str, file: str, reason: str) -> Diagnostic:
+    """E0882: files that are no recordings of one set."""
+    message = f"{file} cannot be in one set with {first}: {reason}"
+    repair = "give files with the same columns, units and sample time, or make a spec of each"
+    return error("E0882", None, message, help=repair)
+
+
+def no_such_files(pattern: str) -> Diagnostic:
+    """E0883: a pattern of `--data` that matches no file."""
+    message = f"no file matches `{pattern}`"
+    return error("E0883", None, message, help="look at the folder: `ls`")
 
 
 def falling_time(file: str, column: str) -> Diagnostic:

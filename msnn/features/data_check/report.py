@@ -146,7 +146,7 @@ def _pair_row(
 
 
 def _response_text(target: CheckedTarget, number: int) -> str:
-    """Whether the target responds to an input, with the p-value of the joint test."""
+    """The table's text for a response of the target to an input: p-value, or why there is none."""
     role, answer = target.found.set_point(number), target.found.answers[number]
     if role is not None:
         return "set-point"

@@ -196,6 +196,7 @@ def _measurement_record(found: Measurement) -> dict[str, Any]:
         "rows": found.rows,
         "scored": found.scored,
         "metrics": {metric: scores.value for metric, scores in found.metrics.items()},
+        "mean": {"rmse": found.mean.rmse, "of": found.mean.of},
         **judged_record(found.judged),
         **coverage_record(found.coverage),
         "curve": curve

@@ -28,7 +28,7 @@ from msnn.features.data_check.dynamics.set_points import SetPoint, set_points, w
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """Whether the target responds to an input, beside the other inputs, by joint tests."""
+    """The result of joint tests for a response of the target to one input beside the others."""
 
     p_value: float
     """Probability of data this far from no response, if there is none."""

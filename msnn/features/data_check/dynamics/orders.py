@@ -21,11 +21,11 @@ _PATIENCE = 5
 def proposed_orders(pieces: Sequence[Piece]) -> tuple[int, ...]:
     """Orders 1 to 4, and those that AIC and BIC choose up to 40, the smallest first.
 
-    AIC = n ln Σe²/n + 2 p, BIC = n ln Σe²/n + p ln n, with p coefficients (Akaike 1974, Schwarz
-    1978), of ARX models with lags 1 … order of the output and of each input. One-step errors decide
-    about the data, not about a simulation: whoever simulates tries the orders proposed. Orders need
-    20 rows per coefficient. The search ends five orders after both criteria stopped to fall, so
-    that a small system costs a small search.
+    An ARX model has lags 1 … order of the output and of each input. With p coefficients and
+    one-step errors e in n rows, AIC = n ln(Σe²/n) + 2 p (Akaike 1974) and
+    BIC = n ln(Σe²/n) + p ln n (Schwarz 1978). Both compare one-step errors; the caller compares
+    simulations of these orders. An order needs 20 rows per coefficient. The search ends five orders
+    after both criteria have stopped falling, so that a small system takes a short search.
     """
     if not pieces:
         return _ALWAYS

@@ -40,11 +40,11 @@ class SetPoint:
 def set_points(pieces: Sequence[Piece], names: Sequence[str] = ()) -> tuple[SetPoint, ...]:
     """The set-points of a target among its inputs.
 
-    Input r is a set-point with controller output u if (1) means of long blocks of the target follow
-    r with a slope of 0.5 to 1.2, (2) r and the target explain most of the innovation of u, (3) with
-    opposite coefficients, as a controller of r − y has them, and (4) r does not help to predict the
-    target beside u. Without a u, (1) and a name such as `sp`, `setpoint`, `ref` or `target` are
-    required: an input of a plant with unit gain has (1) too.
+    Input r is a set-point with controller output u under four conditions: (1) Means of long blocks
+    of the target follow r with a gain of 0.5 to 1.2. (2) r and the target explain most of the
+    innovation of u. (3) Their coefficients are opposite, as in a controller of r − y. (4) r does
+    not help to predict the target beside u. Without a u, (1) and a name such as `sp`, `setpoint`,
+    `ref` or `target` are required: an input of a plant with unit gain meets (1) too.
     """
     count = pieces[0].inputs.shape[1] if pieces else 0
     found: list[SetPoint] = []

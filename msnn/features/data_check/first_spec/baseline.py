@@ -3,108 +3,320 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.features.data_check.dynamics.arx import Arx, ArxOrders, chi_square_quantile, fit_arx
+from msnn.features.data_check.dynamics.arx import (
+    Arx,
+    ArxOrders,
+    chi_square_quantile,
+    feedback,
+    fit_arx,
+)
 from msnn.features.data_check.dynamics.impulse_response import Responses, responses, time_constants
 from msnn.features.data_check.dynamics.orders import proposed_orders
 from msnn.features.data_check.dynamics.pieces import Piece, pieces_of
 from msnn.features.data_check.first_spec.columns import FoundColumn
-from msnn.training.starts.linear_system import filtered
+from msnn.features.data_check.first_spec.least_squares import (
+    Equation,
+    Rows,
+    Term,
+    fit,
+    free_run,
+    largest_pole,
+    relative_error,
+)
 
+_ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20)
 _AS_GOOD = 1.02
-"""Minimum ratio of errors for selecting a higher order: 2 %."""
-_VALIDATION = 0.2
+"""Minimum ratio of errors for selecting a larger model: 2 %."""
+_USEFUL = 0.9
+"""Maximum error of a simulation, relative to a constant, that shows which model is better."""
+VALIDATION = 0.2
 _LONGEST_ROLLOUT = 200
+_MOST_CHOICES = 12
+"""Maximum number of inputs that are left out one by one for comparison."""
+_FEWEST_DIGITS = 6
+_SAME = 1.001
+"""Maximum ratio of errors after rounding the weights."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A column that is no input of the model, and the reason."""
+
+    column: FoundColumn
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SeenDelay:
+    """The delay of an input as the data show it."""
+
+    rows: int
+    """Rows to the first effect, at least 1."""
+    is_seen: bool
+    is_immediate: bool
+    """True if the effect begins in the same row, which a prediction cannot use."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Baseline:
-    """y[t+1] = Σ aᵢ y[t−i] + Σⱼ Σᵢ bⱼᵢ uⱼ[t+1−dⱼ−i] + c, i from 0 to order − 1."""
+    """An equation for each target, fitted by least squares."""
 
-    order: int
-    delays: tuple[int, ...]
-    """Rows from each input to its first effect, at least 1."""
-    seen: tuple[bool, ...]
-    """True if the data show the delay; otherwise it is 1."""
-    immediate: tuple[bool, ...]
-    """True if the effect begins in the same row, which a prediction cannot use."""
+    equations: tuple[Equation, ...]
+    """Columns of terms count along the targets, then the inputs."""
+    inputs: tuple[FoundColumn, ...]
+    left_out: tuple[LeftOut, ...]
+    delays: Mapping[tuple[int, int], SeenDelay]
+    """By the indices of target and column."""
     horizon: int
     """Length of rollouts: three time constants, limited by the recordings."""
-    constant_error: float
-    """RMS of the last fifth of the data around the mean of the rest."""
-    held_error: float
-    """RMS error of the previous row as prediction."""
+    constant_errors: tuple[float, ...]
+    """RMS of the held-out rows of each target around the mean of the others."""
+    held_errors: tuple[float, ...]
+    """RMS error of the previous row as prediction, in the held-out rows."""
 
 
 def choose_baseline(
-    target: FoundColumn, inputs: Sequence[FoundColumn], follows: BoolArray
+    targets: Sequence[FoundColumn],
+    inputs: Sequence[FoundColumn],
+    follows: BoolArray,
+    held_out: BoolArray,
 ) -> Baseline:
-    """The smallest model whose simulation of the last fifth is about as good as that of larger
-    ones.
+    """The smallest model that simulates the held-out rows about as well as the best one.
+
+    Inputs are left out if they are set-points, or if the data show no response to them.
     """
-    table = np.stack([c.values for c in inputs], axis=1) if inputs else np.zeros((len(follows), 0))
-    pieces = pieces_of(target.values, table, follows)
-    found = responses(pieces)
-    delays = [None if found is None else found.delay(i) for i in range(len(inputs))]
-    sharp = [found is not None and found.begins_sharply(i) for i in range(len(inputs))]
-    seen = tuple(max(delay or 1, 1) for delay in delays)
-    # a response that rises slowly has begun earlier, or rises after a delay
-    least = tuple(delay if s else 1 for delay, s in zip(seen, sharp, strict=True))
-    cut = int(len(follows) * (1 - _VALIDATION))
-    tried: list[tuple[float, int, tuple[int, ...]]] = []
-    # both are tried: the first effect that the responses show may be later than the true one
-    for used in dict.fromkeys((least, seen)):
-        delayed = table.copy()
-        for column, delay in enumerate(used):
-            # moved, so that one ARX form with inputs from the last row on serves all delays
-            delayed[:, column] = _later(table[:, column], delay - 1)
-        train = pieces_of(target.values[:cut], delayed[:cut], follows[:cut])
-        tried.append((*_order(train, pieces_of(target.values, delayed, follows)), used))
-    _, order, used = min(tried, key=lambda one: one[0])
-    late = target.values[cut:]
+    columns = [*targets, *inputs]
+    rows = Rows(
+        table=np.stack([column.values for column in columns], axis=1),
+        targets=len(targets),
+        follows=follows,
+        held_out=held_out,
+    )
+    table = rows.table[:, len(targets) :]
+    pieces = [pieces_of(target.values, table, follows) for target in targets]
+    found = [responses(each) for each in pieces]
+    delays = {
+        (k, len(targets) + i): _seen_delay(found[k], i)
+        for k in range(len(targets))
+        for i in range(len(inputs))
+    }
+    sharp = {
+        (k, len(targets) + i)
+        for k, response in enumerate(found)
+        for i in range(len(inputs))
+        if response is not None and response.begins_sharply(i)
+    }
+    answered = [
+        any(r is None or r.delay(i) is not None or r.shows(i) for r in found)
+        for i in range(len(inputs))
+    ]
+    controlled = [any(feedback(each, i) is not None for each in pieces) for i in range(len(inputs))]
+    orders = tuple(sorted({*_ORDERS}.union(*(proposed_orders(each) for each in pieces))))
+    choice = _Choice(rows, delays, sharp, orders)
+    used = list(range(len(targets), len(columns)))
+    goals = {
+        column: target
+        for column, is_controlled in zip(used, controlled, strict=True)
+        for target in targets
+        if not is_controlled and _is_followed(columns[column], target)
+    }
+    left_out: list[LeftOut] = []
+    best = choice.best(used)
+    drivers: set[int] = set()
+    # set-points first: with them a model may do without the input that acts on the plant
+    for column in sorted(used, key=lambda c: c not in goals) if len(used) <= _MOST_CHOICES else ():
+        number = column - len(targets)
+        others = [other for other in used if other != column]
+        goal = goals.get(column)
+        driver = next(
+            (
+                other
+                for other in others
+                if goal is not None
+                and other not in goals
+                and (
+                    controlled[other - len(targets)]
+                    or _is_computed(columns[other], [columns[column], goal], follows)
+                )
+            ),
+            None,
+        )
+        if column in drivers:
+            continue
+        if goal is not None and driver is not None:
+            limit, name = max(_AS_GOOD * best.error, _HALF), columns[driver].name
+            reason = f"looks like the set-point of {goal.name}, from which {name} is computed"
+        elif not answered[number]:
+            limit, reason = _AS_GOOD * best.error, "has no visible effect in these data"
+        else:
+            limit, reason = best.error / _AS_GOOD, "makes the simulation of the last fifth worse"
+        without = choice.best(others)
+        if without.error <= limit:
+            left_out.append(LeftOut(columns[column], reason))
+            used, best = others, without
+            if goal is not None and driver is not None:
+                drivers.add(driver)
+    kept = [*range(len(targets)), *used]
+    rows = replace(rows, table=rows.table[:, kept])
+    renumbered = {old: new for new, old in enumerate(kept)}
+    equations = tuple(
+        replace(e, terms=tuple(replace(t, column=renumbered[t.column]) for t in e.terms))
+        for e in best.equations
+    )
+    late = [np.where(held_out, target.values, np.nan) for target in targets]
+    early = [float(np.nanmean(np.where(held_out, np.nan, t.values))) for t in targets]
+    depth = max(equation.depth for equation in equations)
     return Baseline(
-        order=order,
-        delays=used,
-        seen=tuple(delay is not None for delay in delays),
-        immediate=tuple(delay == 0 for delay in delays),
+        equations=_rounded(rows, equations),
+        inputs=tuple(columns[column] for column in used),
+        left_out=tuple(left_out),
+        delays={(k, renumbered[c]): d for (k, c), d in delays.items() if c in renumbered},
         # with the data as they are: the time constants do not depend on the delays
-        horizon=_horizon(pieces, found, order + max(used, default=1), len(late)),
-        constant_error=_rms(late - np.nanmean(target.values[:cut])),
-        held_error=_rms(np.diff(late)),
+        horizon=max(
+            _horizon(each, response, depth, int(held_out.sum()))
+            for each, response in zip(pieces, found, strict=True)
+        ),
+        constant_errors=tuple(_rms(v - m) for v, m in zip(late, early, strict=True)),
+        held_errors=tuple(_rms(v[1:] - v[:-1]) for v in late),
     )
 
 
-def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> tuple[float, int]:
-    """The smallest order with about the minimum error, and its error."""
-    errors: dict[int, float] = {}
-    for order in proposed_orders(train):
-        model = fit_arx(train, ArxOrders(order, order, first=1))
-        # an unstable predictor may fit one step well and runs away in a rollout
-        if model is not None and np.all(np.abs(np.roots(model.denominator)) < 1):
-            errors[order] = sum(_simulation_error(model, piece) for piece in pieces)
-    if not errors:
-        return np.inf, 2
-    best = min(errors.values())
-    # errors are squares: 2 % of the error are 4 % of these
-    return next((e, order) for order, e in errors.items() if e <= _AS_GOOD**2 * best)
+_HALF = 0.5
+"""Error of a simulation, relative to a constant, that a model without set-points may have."""
 
 
-def _simulation_error(model: Arx, piece: Piece) -> float:
-    """Σ e² of a simulation over the last fifth of an interval, where initial values have
-    decayed.
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    equations: tuple[Equation, ...]
+    error: float
+    """Error of the simulation, relative to a constant."""
+    one_step: float
+    stable: bool
+
+    @property
+    def weights(self) -> int:
+        return sum(equation.taps.size for equation in self.equations)
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """Selects orders, delays and couplings for some inputs."""
+
+    rows: Rows
+    delays: Mapping[tuple[int, int], SeenDelay]
+    sharp: Collection[tuple[int, int]]
+    orders: Sequence[int]
+
+    def best(self, used: Sequence[int]) -> _Candidate:
+        """The smallest of about the best models; an order of 1 without weights if none fits."""
+        tried: list[_Candidate] = []
+        for coupled in (False, True) if self.rows.targets > 1 else (False,):
+            # both are tried: the first effect that the responses show may be later than the true
+            # one, as a response that rises slowly has begun earlier
+            sets = [
+                [self._terms(k, used, coupled, late) for k in range(self.rows.targets)]
+                for late in (False, True)
+            ]
+            for terms in sets[:1] if sets[0] == sets[1] else sets:
+                tried.append(self._of_orders(terms))
+        return _smallest(tried)
+
+    def _terms(self, target: int, used: Sequence[int], coupled: bool, late: bool) -> list[Term]:
+        own = [Term(k, 1) for k in range(self.rows.targets) if coupled or k == target]
+        return own + [
+            Term(c, self.delays[target, c].rows if late or (target, c) in self.sharp else 1)
+            for c in used
+        ]
+
+    def _of_orders(self, terms: Sequence[Sequence[Term]]) -> _Candidate:
+        tried: list[_Candidate] = []
+        for order in self.orders:
+            fits = [fit(self.rows, k, each, order) for k, each in enumerate(terms)]
+            equations = tuple(equation for equation in fits if equation is not None)
+            if len(equations) < len(fits):
+                break
+            steps = np.stack([equation.one_step(self.rows) for equation in equations], axis=1)
+            tried.append(
+                _Candidate(
+                    equations,
+                    relative_error(self.rows, free_run(self.rows, equations)),
+                    relative_error(self.rows, steps),
+                    largest_pole(equations) < 1,
+                )
+            )
+        if tried:
+            return _smallest(tried)
+        # too few rows: what was there before, the last value
+        zeros = tuple(
+            Equation(
+                terms=tuple(each),
+                taps=np.array([[float(term.column == k)] for term in each]),
+                offset=0.0,
+            )
+            for k, each in enumerate(terms)
+        )
+        return _Candidate(zeros, np.inf, np.inf, stable=False)
+
+
+def _smallest(tried: Sequence[_Candidate]) -> _Candidate:
+    """The model with the fewest weights of those that simulate about as well as the best one.
+
+    One-step errors decide where no simulation is better than a constant, as without inputs. A model
+    whose errors grow must be much better than those of stable ones.
     """
-    driven = np.zeros(len(piece))
-    for series, taps in zip(piece.inputs.T, model.numerators, strict=True):
-        # taps begin with the row before
-        driven += np.convolve(series, np.concatenate(([0.0], taps)))[: len(piece)]
-    late = int(len(piece) * (1 - _VALIDATION))
-    error = piece.output - filtered(driven, model.denominator)
-    return float(np.sum(error[late:] ** 2))
+    stable = [c for c in tried if c.stable and np.isfinite(c.error)]
+    others = min((c.error for c in tried), default=np.inf)
+    kept = stable if stable and min(c.error for c in stable) * _HALF <= others else list(tried)
+    best = min(c.error for c in kept)
+    if best < _USEFUL:
+        return min((c for c in kept if c.error <= _AS_GOOD * best), key=lambda c: c.weights)
+    steps = min(c.one_step for c in kept)
+    # infinite where nothing could be fitted
+    return min((c for c in kept if c.one_step <= _AS_GOOD * steps), key=lambda c: c.weights)
+
+
+def _rounded(rows: Rows, equations: Sequence[Equation]) -> tuple[Equation, ...]:
+    """The equations with as few digits as change their simulation by less than 0.1 %."""
+    exact = relative_error(rows, free_run(rows, equations))
+    for digits in range(_FEWEST_DIGITS, 16, 2):
+        short = tuple(equation.rounded(digits) for equation in equations)
+        if relative_error(rows, free_run(rows, short)) <= _SAME * exact + _ROUNDING:
+            return short
+    return tuple(equations)
+
+
+_ROUNDING = 1e-6
+"""Accepted increase of the relative error by rounding."""
+
+
+def _seen_delay(found: Responses | None, number: int) -> SeenDelay:
+    delay = None if found is None else found.delay(number)
+    return SeenDelay(max(delay or 1, 1), delay is not None, delay == 0)
+
+
+def _is_followed(column: FoundColumn, target: FoundColumn) -> bool:
+    """True if a target follows a column as its set-point: equal values but for a transient."""
+    if (column.unit is None) != (target.unit is None):
+        return False
+    known = np.isfinite(column.values) & np.isfinite(target.values)
+    goal, value = column.values[known], target.values[known]
+    span = float(np.std(goal))
+    if len(goal) < 2 or not span > 0 or not np.std(value) > 0:
+        return False
+    away = value - goal
+    likeness = float(np.corrcoef(goal, value)[0, 1])
+    is_near = abs(float(np.mean(away))) < span and float(np.std(away)) < span
+    return likeness > _FOLLOWED and is_near
+
+
+_FOLLOWED = 0.6
+"""Minimum correlation of a target with its set-point."""
 
 
 def _horizon(pieces: Sequence[Piece], found: Responses | None, past: int, late: int) -> int:
@@ -116,13 +328,8 @@ def _horizon(pieces: Sequence[Piece], found: Responses | None, past: int, late: 
     return int(max(min(wanted, _LONGEST_ROLLOUT, room), 1))
 
 
-def _later(values: FloatArray, rows: int) -> FloatArray:
-    # NaN: rows whose input is not known belong to no piece
-    return np.concatenate((np.full(rows, np.nan), values[: len(values) - rows]))
-
-
 def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.nanmean(values**2)))
+    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else 0.0
 
 
 _LAGS = 5
@@ -143,9 +350,9 @@ class ColumnRole:
 
 
 def roles_of(
-    columns: Sequence[FoundColumn], follows: BoolArray, without: FoundColumn | None = None
+    columns: Sequence[FoundColumn], follows: BoolArray, without: Sequence[FoundColumn] = ()
 ) -> list[ColumnRole]:
-    """The role of each column; the column `without` is not used as an explanation.
+    """The role of each column; the columns `without` are not used as explanations.
 
     An output depends on the past of other columns (Granger's test). So does a control signal,
     because it follows the output, but most of its innovation is explained in the same row.
@@ -157,12 +364,12 @@ def _role(
     column: FoundColumn,
     columns: Sequence[FoundColumn],
     follows: BoolArray,
-    without: FoundColumn | None,
+    without: Sequence[FoundColumn],
 ) -> ColumnRole:
     others = [c for c in columns if c is not column]
     if not others or _stands_still(column):
         return ColumnRole(column, 0.0, output=False)
-    past = _left(column, [c for c in others if c is not without], follows, first=1)
+    past = _left(column, [c for c in others if all(c is not w for w in without)], follows, first=1)
     alone = _left(column, [], follows, first=1)
     if past is None or alone is None:
         return ColumnRole(column, 0.0, output=False)
@@ -171,12 +378,17 @@ def _role(
     statistic = -alone.rows * math.log(max(1 - share, 1e-300))
     seen = share > _LEAST_SHARE and statistic > chi_square_quantile(_LAGS * len(others), _CHANCE)
     # with `without` again: a command is computed of the output that is to be predicted
+    computed = _is_computed(column, others, follows)
+    return ColumnRole(column, share, output=seen and not computed)
+
+
+def _is_computed(column: FoundColumn, others: Sequence[FoundColumn], follows: BoolArray) -> bool:
+    """True if others explain most of a column's innovation in the same row."""
     both = _left(column, others, follows, first=1)
     same_row = _left(column, others, follows, first=0)
-    computed = False
-    if both is not None and same_row is not None:
-        computed = 1 - same_row.squares / both.squares > _COMPUTED
-    return ColumnRole(column, share, output=seen and not computed)
+    if both is None or same_row is None:
+        return False
+    return 1 - same_row.squares / both.squares > _COMPUTED
 
 
 def _left(

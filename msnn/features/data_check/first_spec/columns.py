@@ -181,6 +181,8 @@ def _is_data(row: Sequence[str], width: int, numeric: Sequence[int], decimal: st
 
 _LONGEST_NAME = 40
 _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
+_BESIDE = re.compile(r"\W+")
+"""Characters that are letters in no script; a name may have `_` in their place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,6 +228,14 @@ class FoundColumn:
                 return ()
         texts = " or ".join(unit.text for unit in units)
         return (f"`{self.label}` may be in {texts}: write the unit of `{self.name}`",)
+
+    @property
+    def renamed(self) -> str:
+        """A note if the name has not all letters of the header; empty otherwise."""
+        plain = normalised(plain_label(self.label)[0])
+        if not plain or _BESIDE.sub("_", plain).strip("_") == self.name:
+            return ""
+        return f"`{plain}` is called `{self.name}` in the spec"
 
     @property
     def how_often(self) -> str:

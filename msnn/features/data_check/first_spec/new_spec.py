@@ -19,15 +19,20 @@ from msnn.data.formats.table_of_formats import FileFormat, format_of, unread_suf
 from msnn.data.reading.read_file import taken_as_text
 from msnn.errors.data.files import read_as_text
 from msnn.features.data_check.errors import few_rows, no_target
-from msnn.features.data_check.first_spec.baseline import Baseline, choose_baseline, roles_of
+from msnn.features.data_check.first_spec.baseline import (
+    VALIDATION,
+    Baseline,
+    SeenDelay,
+    choose_baseline,
+    roles_of,
+)
 from msnn.features.data_check.first_spec.columns import (
     FoundColumn,
     FoundTable,
-    columns_of,
     free_name,
 )
-from msnn.features.data_check.first_spec.time_column import FoundTime, time_of
-from msnn.features.data_check.sampling import follows
+from msnn.features.data_check.first_spec.least_squares import largest_pole
+from msnn.features.data_check.first_spec.recordings import Recordings, files_of, recordings_of
 from msnn.project.new_project import IGNORED, SCHEMA_FILE, project_name, write_project
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.format_spec import format_spec
@@ -51,82 +56,99 @@ class NewSpec:
     notes: tuple[str, ...]
 
 
-def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> NewSpec:
-    """The spec of a model named `name` in `folder`, from the columns of a file.
+def spec_from_data(
+    name: str, files: Path | Sequence[Path], folder: Path, predict: str | Sequence[str] | None
+) -> NewSpec:
+    """The spec of a model named `name` in `folder`, from the columns of files.
 
-    Raises TargetNotNamedError if the predicted column is unknown, and SpecError if the file cannot
+    Raises TargetNotNamedError if a predicted column is unknown, and SpecError if the files cannot
     be used.
     """
+    named = [predict] if isinstance(predict, str) else list(dict.fromkeys(predict or ()))
+    paths = files_of([files] if isinstance(files, Path) else files)
     try:
-        return _spec_from_data(name, file, folder, predict)
+        return _spec_from_data(name, paths, folder, named)
     except SpecError as error:
+        file = paths[0]
         raise SpecError(taken_as_text(file, file.name, error.diagnostics), error.sources) from error
 
 
-def _spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> NewSpec:
-    table = columns_of(file)
-    time = time_of(table, file.name)
-    row_follows = follows(None if time.column is None else time.column.values, table.rows)
-    used = [c for c in table.columns if c is not time.column and c.index not in time.counters]
+def _spec_from_data(
+    name: str, paths: Sequence[Path], folder: Path, named: Sequence[str]
+) -> NewSpec:
+    found = recordings_of(paths, VALIDATION)
+    table, time = found.table, found.time
+    used = [c for c in table.columns if c is not _again(time.column, table)]
+    used = [c for c in used if c.index not in time.counters]
     moving = [c for c in used if c.moves]
     if not moving:
-        raise SpecError([no_target(file.name)])
+        raise SpecError([no_target(paths[0].name)])
     # where all are measured seldom there is no other row to be beside
     seldom = [c for c in moving if c.is_seldom]
     seldom = [] if len(seldom) == len(moving) else seldom
     moving = [c for c in moving if c not in seldom]
     still = [c for c in used if not c.moves]
-    text = None if predict is None else table.text_in(predict)
-    if text is not None:
-        raise TargetNotNamedError(
-            f"`{predict}` is no column of numbers, `{text}` stands in it; "
-            f"{_candidates(moving, still, row_follows)}"
-        )
-    target = _target(predict, moving, still, seldom, row_follows)
+    for called in named:
+        if (text := table.text_in(called)) is not None:
+            raise TargetNotNamedError(
+                f"`{called}` is no column of numbers, `{text}` stands in it; "
+                f"{_candidates(moving, still, found.follows)}"
+            )
+    if not named:
+        raise TargetNotNamedError(_candidates(moving, still, found.follows))
+    targets = [_target(called, moving, still, seldom, found.follows) for called in named]
+    targets = [t for i, t in enumerate(targets) if all(t is not other for other in targets[:i])]
     # fewer rows than a handful of parameters can be told from
-    if np.sum(np.isfinite(target.values)) < _FEWEST_ROWS:
-        raise SpecError([few_rows(file.name, table.rows, _FEWEST_ROWS)])
-    # `target` explains no other column: what follows it is no input
-    roles = [r for r in roles_of(moving, row_follows, target) if r.column is not target]
+    if min(int(np.sum(np.isfinite(target.values))) for target in targets) < _FEWEST_ROWS:
+        raise SpecError([few_rows(paths[0].name, found.rows, _FEWEST_ROWS)])
+    # targets explain no other column: what follows them is no input
+    roles = [
+        role
+        for role in roles_of(moving, found.follows, targets)
+        if all(role.column is not target for target in targets)
+    ]
     # where everything looks like an output all of it may drive the target
     inputs = [r.column for r in roles if not r.output] or [r.column for r in roles]
-    others = [r.column for r in roles if r.column not in inputs]
-    baseline = choose_baseline(target, inputs, row_follows)
+    others = [r.column for r in roles if all(r.column is not column for column in inputs)]
     facts = _Facts(
         name=name,
-        file=file,
+        recordings=found,
         folder=folder,
-        table=table,
-        time=time,
-        target=target,
-        inputs=inputs,
+        targets=targets,
         others=others,
         still=still,
         seldom=seldom,
-        baseline=baseline,
+        baseline=choose_baseline(targets, inputs, found.follows, found.held_out),
     )
     return NewSpec(text=format_spec(f"{name}.msnn.yaml", _text(facts)), notes=facts.notes)
 
 
+def _again(column: FoundColumn | None, table: FoundTable) -> FoundColumn | None:
+    """The column of a table with the values of all files."""
+    return (
+        None
+        if column is None
+        else next((c for c in table.columns if c.index == column.index), None)
+    )
+
+
 def _target(
-    predict: str | None,
+    called: str,
     columns: Sequence[FoundColumn],
     still: Sequence[FoundColumn],
     seldom: Sequence[FoundColumn],
     row_follows: BoolArray,
 ) -> FoundColumn:
     """The column with this name or header, with or without unit."""
-    if predict is None:
-        raise TargetNotNamedError(_candidates(columns, still, row_follows))
-    found = [c for c in columns if predict in (c.name, c.label)]
+    found = [c for c in columns if called in (c.name, c.label)]
     if len(found) != 1:
-        held = next((c for c in still if predict in (c.name, c.label)), None)
-        message = f"no column that moves is called `{predict}`"
+        held = next((c for c in still if called in (c.name, c.label)), None)
+        message = f"no column that moves is called `{called}`"
         if held is not None:
-            message = f"`{predict}` {_stillness(held)}: record it while it moves"
-        rare = next((c for c in seldom if predict in (c.name, c.label)), None)
+            message = f"`{called}` {_stillness(held)}: record it while it moves"
+        rare = next((c for c in seldom if called in (c.name, c.label)), None)
         if rare is not None:
-            message = f"`{predict}` {rare.how_often}: a linear model needs rows one after another"
+            message = f"`{called}` {rare.how_often}: a linear model needs rows one after another"
         raise TargetNotNamedError(f"{message}; {_candidates(columns, still, row_follows)}")
     return found[0]
 
@@ -165,25 +187,46 @@ def _listed(columns: Sequence[FoundColumn]) -> str:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Facts:
     name: str
-    file: Path
+    recordings: Recordings
     folder: Path
-    table: FoundTable
-    time: FoundTime
-    target: FoundColumn
-    inputs: Sequence[FoundColumn]
+    targets: Sequence[FoundColumn]
     others: Sequence[FoundColumn]
     still: Sequence[FoundColumn]
     seldom: Sequence[FoundColumn]
     baseline: Baseline
 
     @property
+    def columns(self) -> list[FoundColumn]:
+        """The columns of the model, targets first."""
+        return [*self.targets, *self.baseline.inputs]
+
+    @property
     def notes(self) -> tuple[str, ...]:
-        columns = (self.target, *self.inputs, *self.others)
-        suffix = unread_suffix(self.file)
+        left_out = [each.column for each in self.baseline.left_out]
+        columns = (*self.columns, *left_out, *self.others)
+        table = self.recordings.table
+        dropped = [f"`{table.layout.labels[index]}`" for index in table.texts]
+        if table.dates is not None:
+            dropped = [each for each in dropped if each != f"`{table.dates.label}`"]
+        texts = (f"columns without numbers are left out: {', '.join(dropped)}",) if dropped else ()
+        suffix = unread_suffix(self.recordings.files[0])
         # before all else: every column may be another one
         as_text = () if suffix is None else (read_as_text(suffix).message,)
-        doubts = (note for column in columns for note in column.doubts)
-        return (*as_text, *self.time.notes, *doubts)
+        return (
+            *as_text,
+            *self.recordings.time.notes,
+            *texts,
+            *(note for column in columns for note in column.doubts),
+            *(c.renamed for c in columns if c.renamed),
+            *(
+                f"`{each.column.name}` is left out: it {each.reason}"
+                for each in self.baseline.left_out
+            ),
+            *(
+                f"`{column.name}` is left out: it looks like an output too"
+                for column in self.others
+            ),
+        )
 
 
 def _text(facts: _Facts) -> str:
@@ -198,58 +241,94 @@ def _text(facts: _Facts) -> str:
 
 
 def _values(facts: _Facts) -> dict[str, Any]:
-    target, baseline, time = facts.target, facts.baseline, facts.time
-    signals = [*facts.inputs, target]
-    taken = {column.name for column in facts.table.columns}
-    unit = "" if target.unit is None else f" {target.unit.text}"
-    layers = [
-        {
-            "name": free_name(f"from_{column.name}", taken),
-            "argument": column.name if delay == 1 else f"{column.name}[t-{delay - 1}]",
-            "window": baseline.order,
-            "seen": _seen(delay, seen, immediate, time.step),
-        }
-        for column, delay, seen, immediate in zip(
-            [target, *facts.inputs],
-            (1, *baseline.delays),
-            (True, *baseline.seen),
-            (False, *baseline.immediate),
-            strict=True,
-        )
-    ]
-    # its own past needs no remark
-    layers[0]["seen"] = ""
+    baseline, found = facts.baseline, facts.recordings
+    time, table, columns = found.time, found.table, facts.columns
+    signals = [*baseline.inputs, *facts.targets]
+    taken = {column.name for column in table.columns}
     # only of what the spec reads: other columns may have gaps as they like
     lacking = [c for c in signals if not np.isfinite(c.values).all()]
+    paths = [os.path.relpath(file.resolve(), facts.folder.resolve()) for file in found.files]
+    shown = found.files[0].name
+    if len(paths) > 1:
+        shown += f" and {len(paths) - 1} more files"
     return {
         "name": facts.name,
-        "file": facts.file.name,
-        "path": os.path.relpath(facts.file.resolve(), facts.folder.resolve()),
-        "rows": facts.table.rows,
+        "file": shown,
+        "paths": paths,
+        "rows": found.rows,
         "notes": [line for note in facts.notes for line in wrap(_printable(note), _WIDTH)],
         "sample_time": _duration(time.step),
         "signals": [_signal(column) for column in signals],
         "others": [_signal(column) for column in facts.others],
+        "left_out": [{"name": e.column.name, "reason": e.reason} for e in baseline.left_out],
         "still": [_signal(column) for column in facts.still],
         "seldom": [{"name": c.name, "how_often": c.how_often} for c in facts.seldom],
-        "layers": layers,
-        "offset": free_name("offset", taken),
-        "linear": free_name("linear", taken),
-        "output": free_name(f"{target.name}_next", taken),
-        "target": target.name,
-        "unit": None if target.unit is None else target.unit.text,
-        "level": float(f"{np.nanmean(target.values):.3g}"),
+        "targets": [
+            _of_target(facts, number, columns, taken) for number in range(len(facts.targets))
+        ],
         "time": None
         if time.column is None
         else {"key": _key(time.column.key), "unit": None if time.unit == "s" else time.unit},
-        "csv": _csv(facts.table, format_of(facts.file)),
+        "csv": _csv(table, format_of(found.files[0])),
         "resample": time.resample,
         "nan": "split" if lacking else None,
-        "horizon": baseline.horizon,
-        "stride": max(baseline.horizon // 2, 1),
-        "constant": f"{baseline.constant_error:.3g}{unit}",
-        "held": f"{baseline.held_error:.3g}{unit}",
+        # whole recordings, as they are validated; errors of an unstable model would grow
+        "rollout": "horizon: record"
+        if largest_pole(baseline.equations) < 1
+        else f"horizon: {baseline.horizon}, stride: {max(baseline.horizon // 2, 1)}",
     }
+
+
+def _of_target(
+    facts: _Facts, number: int, columns: Sequence[FoundColumn], taken: set[str]
+) -> dict[str, Any]:
+    """The names and numbers of the equation of one target."""
+    baseline, target = facts.baseline, columns[number]
+    equation = baseline.equations[number]
+    several = len(facts.targets) > 1
+    before = f"{target.name}_" if several else ""
+    unit = "" if target.unit is None else f" {target.unit.text}"
+    step = facts.recordings.time.step
+    layers: list[dict[str, Any]] = []
+    for term, taps in zip(equation.terms, equation.taps, strict=True):
+        column = columns[term.column]
+        seen = baseline.delays.get((number, term.column))
+        layers.append(
+            {
+                "name": free_name(f"{before}from_{column.name}", taken),
+                "argument": column.name
+                if term.first == 1
+                else f"{column.name}[t-{term.first - 1}]",
+                "window": equation.order,
+                # a layer has the oldest sample first
+                "weights": ", ".join(_weight(tap) for tap in taps[::-1]),
+                # its own past needs no remark
+                "seen": "" if seen is None else _seen(seen, term.first, step),
+            }
+        )
+    return {
+        "name": target.name,
+        "unit": None if target.unit is None else target.unit.text,
+        "layers": layers,
+        "level": _weight(equation.offset),
+        "offset": free_name(f"{before}offset", taken),
+        "linear": free_name(f"{before}linear", taken),
+        "output": free_name(f"{target.name}_next", taken),
+        "constant": f"{baseline.constant_errors[number]:.3g}{unit}",
+        "held": f"{baseline.held_errors[number]:.3g}{unit}",
+    }
+
+
+def _weight(value: float) -> str:
+    return repr(float(value)).removesuffix(".0")
+
+
+def _seen(seen: SeenDelay, first: int, step: float) -> str:
+    if seen.is_immediate:
+        return "answers in the same row, of which a prediction knows nothing yet"
+    if not seen.is_seen:
+        return "its first answer is not visible"
+    return f"answers after {first} rows, {_duration(first * step)}" if first > 1 else ""
 
 
 def _signal(column: FoundColumn) -> dict[str, Any]:
@@ -275,14 +354,6 @@ def _rounded(low: float, high: float) -> tuple[float, float]:
     return float(f"{math.floor(low * grain) / grain:.12g}"), float(
         f"{math.ceil(high * grain) / grain:.12g}"
     )
-
-
-def _seen(delay: int, seen: bool, immediate: bool, step: float) -> str:
-    if immediate:
-        return "answers in the same row, of which a prediction knows nothing yet"
-    if not seen:
-        return "no answer is seen in the data"
-    return f"answers after {delay} rows, {_duration(delay * step)}" if delay > 1 else ""
 
 
 def _key(key: str | int) -> str:
@@ -322,7 +393,9 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def new_project_from(folder: Path, data: Path, predict: str | None) -> tuple[Path, NewSpec]:
+def new_project_from(
+    folder: Path, data: Sequence[Path], predict: Sequence[str]
+) -> tuple[Path, NewSpec]:
     """Creates a project for measured data, which are not copied.
 
     Raises the errors of `new_project` and `spec_from_data`.

@@ -48,6 +48,11 @@ class FoundTime:
     counters: tuple[int, ...] = ()
     """Indices of columns that count rows, or contain unreadable times."""
 
+    @property
+    def scale(self) -> float:
+        """Seconds per unit of the time column."""
+        return _SCALES[self.unit]
+
 
 def time_of(table: FoundTable, file: str) -> FoundTime:
     """The time of a file: a column with a typical name, or the first if its steps are equal.
