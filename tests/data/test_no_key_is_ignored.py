@@ -162,6 +162,8 @@ CASES: dict[str, Case] = {
     "Data.missing": Case("missing: -9999\n", marked=True),
     "Column.missing": Case("columns: {x: {column: x, missing: -9999}, F: F}\n", marked=True),
     "TimeColumn.column": Case("time: {column: nonsense}\n", ""),
+    "TimeColumn.format": Case('time: {column: time, format: "%d.%m.%Y %H:%M:%S"}\n'),
+    "TimeColumn.zone": Case("time: {column: time, zone: Europe/Berlin}\n"),
     "TimeColumn.unit": Case("time: {column: time, unit: ms}\n"),
     "Csv.delimiter": Case('csv: {delimiter: ";"}\n'),
     "Csv.decimal": Case('csv: {decimal: ","}\n'),

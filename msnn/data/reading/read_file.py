@@ -29,12 +29,15 @@ from msnn.data.reading.columns import (
 )
 from msnn.data.reading.duplicates import RemainingRows, without_duplicates
 from msnn.data.reading.files import DataFile, unused_without_times
+from msnn.data.reading.local_times import fixed_zone, utc_times
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.rollout_rows import compared_signals, measured_beside, signals_only_compared
 from msnn.errors.data import cells as data_units
 from msnn.errors.data.files import no_column_read, no_reader, read_as_text
+from msnn.errors.data.rows import unused_key
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment
+from spec_schema.fields.leaf import Located
 from spec_schema.sections.data import SECOND, Csv, Data, TimeColumn
 from spec_schema.units.unit import UNCHANGED, Line, Unit
 from spec_schema.yaml_tree.writer import scalar_text
@@ -168,6 +171,11 @@ def read_file(
     beside = () if whole is None else measured_beside(whole, program)
     more = feeds(beside, columns, mine)
     column = file.layout.time or data.time
+    if column is not None and file.keeps_time:
+        for name, key in (("format", column.format), ("zone", column.zone)):
+            if key is not None:
+                reason = f"the times of {file.shown} are no texts of dates"
+                mine.report(unused_key(f"time: {{{name}}}", reason, key.span))
     read = _columns(file, data, column, found, more, mine)
     if read is not None:
         read = _without_marked(read, _marks(file, data, (*found, *more)))
@@ -254,7 +262,8 @@ def _columns(
             for key, own in marks.items()
         }
         source = _time_source(file, time)
-        wanted = WantedColumns(users, optional, spare, moments, texts, source)
+        written = None if time is None or time.format is None else time.format.value
+        wanted = WantedColumns(users, optional, spare, moments, texts, written, source)
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
@@ -376,12 +385,53 @@ def _in_seconds(
             data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
         )
         return None
+    if column.zone is not None:
+        return _in_zone(read, file, column, column.zone, findings)
     line = UNCHANGED
     if begins is None:
         line = _to_seconds(column, read.units.get(key), file.shown, findings)
     if line is None:
         return None
     return replace(read, time=converted_cells(read.columns[key], line), time_begins=begins)
+
+
+def _in_zone(
+    read: ColumnTable,
+    file: DataFile,
+    column: TimeColumn,
+    zone: Located[str],
+    findings: Findings,
+) -> ColumnTable | None:
+    """The table with times in UTC of a clock in a zone; None after reporting errors."""
+    key = column.column.column
+    begins = read.begins.get(key)
+    if begins is None or begins.has_zone:
+        kind = "numbers" if begins is None else "an offset from UTC in its dates"
+        findings.report(
+            data_units.other_kind_of_times("zone", str(key), file.shown, kind, zone.span)
+        )
+        return None
+    found = utc_times(read.columns[key], begins, zone.value)
+    for rows, twice in ((found.skipped, False), (found.doubtful, True)):
+        if len(rows):
+            row = int(rows[0])
+            text = begins.text_after(float(read.columns[key][row]))
+            findings.report(
+                data_units.no_moment_in_zone(
+                    file=file.shown,
+                    row=row,
+                    column=str(key),
+                    text=text,
+                    more=len(rows) - 1,
+                    place=read.cell(row, key)[1],
+                    zone=zone.value,
+                    twice=twice,
+                    standard=fixed_zone(begins, float(read.columns[key][row]), zone.value),
+                )
+            )
+    if findings.failed:
+        return None
+    return replace(read, time=found.seconds, time_begins=found.begins)
 
 
 def _time_unit(read: ColumnTable | Streams, column: TimeColumn | None) -> TimeUnit | None:

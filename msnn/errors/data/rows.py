@@ -114,8 +114,9 @@ def time_not_increasing(
         message = f"the time in row {row} of {file} goes back by an hour: the end of summer time?"
         # sorted, the rows of two hours would be mixed
         repair = (
-            "if the clock was set back, write times with their offset from UTC: `02:50+02:00` and "
-            "then `02:00+01:00`; `resample: none` makes an episode of each part"
+            "if the clock was set back, name its zone, as `zone: Europe/Berlin` under `time:`, or "
+            "write times with their offset from UTC: `02:50+02:00` and then `02:00+01:00`; "
+            "`resample: none` makes an episode of each part"
         )
     elif step == 0.0 and not is_picked:
         repair = (
