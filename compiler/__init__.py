@@ -1,1 +1,3 @@
-"""Turns a Spec into a typed Program: names, dims, units, time, passes and the interpreter."""
+"""Compiles a `Spec` (parsed YAML) to a `Program` (the typed intermediate representation): resolves
+names, dimensions, units and time, runs the passes, and contains the reference interpreter.
+"""

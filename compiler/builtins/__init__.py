@@ -1,1 +1,1 @@
-"""Lowers the functions that every spec has."""
+"""Lowers calls of the builtin functions of the language."""

@@ -1,4 +1,6 @@
-"""Lowers builtins over axes: sums and means, softmax, outer products, identity matrices (R3)."""
+"""Lowers builtins that work along axes: sum, mean, softmax, outer, eye and smooth_sign (R3). Each
+function returns the node of a call, and raises LoweringFailed after reporting a mistake.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from spec_schema.expressions.tree import Call, ListLiteral, Name
 
 
 def lower_sum(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`sum(x)` over all axes, or over those of `over=`."""
+    """`sum(x)` over all axes, or over those of `over=`. Raises LoweringFailed after reporting a
+    mistake, such as an unknown axis.
+    """
     builder = context.builder(environment)
     node = lower(context, call.arguments[0], environment)
     axes = builder.type(node).axes
@@ -30,7 +34,9 @@ def lower_sum(context: Context, call: Call, environment: Environment) -> NodeId:
 
 
 def lower_mean(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`mean(x)` over all axes, or over those of `over=`."""
+    """`mean(x)` over all axes, or over those of `over=`. Raises LoweringFailed after reporting a
+    mistake, such as an unknown axis.
+    """
     builder = context.builder(environment)
     node = lower(context, call.arguments[0], environment)
     axes = builder.type(node).axes
@@ -42,7 +48,9 @@ def lower_mean(context: Context, call: Call, environment: Environment) -> NodeId
 def _reduced_axes(
     context: Context, name: str, call: Call, environment: Environment, axes: tuple[Axis, ...]
 ) -> list[str]:
-    """Names of the axes that `sum(x, over=…)` removes; all of them without `over`."""
+    """Names of the axes that `sum(x, over=…)` removes; all of `axes` without `over`. Reports an
+    axis that x lacks and raises LoweringFailed. `name` is the function's name in the message.
+    """
     over = option(call, "over")
     if over is None:
         if environment.window is not None:
@@ -63,7 +71,9 @@ def _reduced_axes(
 
 
 def reduce_axes(builder: GraphBuilder, node: NodeId, removed: list[str]) -> NodeId:
-    """Sums over several axes, the last one first: neighbours in memory are added first."""
+    """Sums over the axes named in `removed`, the last one first, so that neighbours in memory are
+    added first.
+    """
     for axis in reversed(builder.type(node).axes):
         if axis.name in removed:
             node = builder.sum(node, axis.name)
@@ -71,9 +81,10 @@ def reduce_axes(builder: GraphBuilder, node: NodeId, removed: list[str]) -> Node
 
 
 def lower_softmax(context: Context, call: Call, environment: Environment) -> NodeId:
-    """exp(xᵢ − m) / Σⱼ exp(xⱼ − m) with m = max x, so that no exponential overflows.
+    """`softmax(x)`: exp(xᵢ − m) / Σⱼ exp(xⱼ − m) with m = max x, so that no exponential overflows.
 
-    The axis is the one that `over=` names, otherwise the last axis other than the window.
+    The axis is the one that `over=` names, otherwise the last axis other than the window. Raises
+    LoweringFailed after reporting that there is none.
     """
     builder = context.builder(environment)
     argument = call.arguments[0]
@@ -86,7 +97,9 @@ def lower_softmax(context: Context, call: Call, environment: Environment) -> Nod
 
 
 def lower_outer(context: Context, call: Call, environment: Environment) -> NodeId:
-    """aᵢ · bⱼ for all i and j. Reports a common axis of a and b."""
+    """`outer(a, b)`: aᵢ · bⱼ for all i and j. Reports a common axis of a and b and raises
+    LoweringFailed.
+    """
     builder = context.builder(environment)
     left, right = lower_all(context, call.arguments, environment)
     left_axes, right_axes = builder.type(left).axes, builder.type(right).axes
@@ -102,7 +115,7 @@ def lower_outer(context: Context, call: Call, environment: Environment) -> NodeI
 
 
 def lower_smooth_sign(context: Context, call: Call, environment: Environment) -> NodeId:
-    """tanh(x / width), or tanh(x) without a width."""
+    """`smooth_sign(x, width)`: tanh(x / width), or tanh(x) without a width."""
     builder = context.builder(environment)
     nodes = lower_operands(context, call.arguments, environment)
     operands = zip(call.arguments, nodes, strict=True)
@@ -112,7 +125,9 @@ def lower_smooth_sign(context: Context, call: Call, environment: Environment) ->
 
 
 def lower_eye(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`eye(a, b)`: the identity matrix over two dims of equal length."""
+    """`eye(a, b)`: the identity matrix over two dims of equal length. Reports other arguments and
+    raises LoweringFailed.
+    """
     axes: list[Axis] = []
     for argument in call.arguments:
         if not isinstance(argument, Name):
@@ -156,7 +171,9 @@ def _softmax_axis(context: Context, call: Call, axes: tuple[Axis, ...]) -> Axis:
 
 
 def largest_along(builder: GraphBuilder, node: NodeId, axis: Axis) -> NodeId:
-    """The maximum along an axis, repeated along it, by log₂ n pairwise maxima of halves."""
+    """The node of the maximum along an axis, repeated along it, from log₂ n pairwise maxima of
+    halves.
+    """
     axes, size, found = builder.type(node).axes, axis.size, node
     # log₂ n operations instead of n
     while size > 1:

@@ -1,4 +1,4 @@
-"""Lowers `grad(y, x)`, the gradient of a value within one sample (R8)."""
+"""Lowers `grad(y, x)`, the gradient of a value y with respect to x at one sample (R8)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from spec_schema.sections.values import Parameter
 
 @dataclass(frozen=True)
 class _Read:
-    """A node that contains the samples t+first … t+last of x."""
+    """A node that contains the samples t+first … t+last of the variable x."""
 
     node: NodeId
     first: int
@@ -38,10 +38,11 @@ class _Read:
 
 
 def lower_gradient(context: Context, call: Call, environment: Environment) -> NodeId:
-    """Σ ∂y/∂x[t] over all elements of y, with the axes of x.
+    """`grad(y, x)`: the node of Σ ∂y/∂x[t] over all elements of y, with the axes of x.
 
     All dependencies of y on x[t] count: through equations, layers, windows and gradients. Past
-    values in states and buffers count as constant.
+    values in states and buffers count as constant. Raises LoweringFailed after reporting an x that
+    is no variable or does not affect y.
     """
     if environment.part is EnvironmentPart.CONSTANT:
         context.findings.report(names.misplaced("grad", environment.part.value, call.function.span))
@@ -81,7 +82,9 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
 def _reads(
     context: Context, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
-    """The node of x as the call requests it, and all nodes that contain some of its samples."""
+    """The node of x as written in the call, and all nodes that contain some of its samples. Reports
+    an x that is no variable, such as a parameter, and raises LoweringFailed.
+    """
     named, there = resolved(expression, environment)
     # the operand of a window may be a function argument
     operand = named.operand if isinstance(named, Window | Past | Future) else named
@@ -118,10 +121,11 @@ def _of_signal(
     environment: Environment,
     moving: NodeId | None = None,
 ) -> tuple[_Read, list[_Read]]:
-    """A signal or a window of one: all reads of it; reads of the log if x is the log.
+    """The result of `_reads` for a signal or a window of one: all nodes that read it. Raises
+    LoweringFailed after reporting a mistake in the expression.
 
-    For an input that is interpolated between samples (`moving`), only that value: windows contain
-    samples, which do not depend on it.
+    For an input that is interpolated between samples (`moving` is its node), only that value
+    counts: windows contain samples, which do not depend on it.
     """
     node = lower(context, expression, environment)
     builder = context.builder(environment)
@@ -144,14 +148,19 @@ def _of_signal(
 
 
 def _alike(op: ReadSignal | ReadLog) -> tuple[ReadSignal, ReadLog]:
-    """Reads of the same samples: over a window each sample of y has its own x."""
+    """The two operations that read the same samples as `op`: as input of the step, and from the
+    log.
+    """
     return ReadSignal(op.signal, op.first, op.last), ReadLog(op.signal, op.first, op.last)
 
 
 def _of_value(
     context: Context, name: str, expression: Expression, environment: Environment
 ) -> tuple[_Read, list[_Read]]:
-    """A state or an equation: its node, and the windows in which it is evaluated again."""
+    """The result of `_reads` for the state, equation or output `name`: its node, and the windows
+    over which it was lowered again. Raises LoweringFailed after reporting a mistake in the
+    expression.
+    """
     node = lower(context, expression, environment)
     builder = context.builder(environment)
     first, last = environment.window or (0, 0)
@@ -165,7 +174,9 @@ def _of_value(
 
 
 def _placed(builder: GraphBuilder, slope: NodeId, read: _Read, whole: _Read) -> NodeId:
-    """The gradient with respect to the samples of a read, placed among the samples of x."""
+    """The gradient `slope` with respect to the samples of `read`, placed among the samples of x
+    (`whole`); it is 0 for samples that `read` lacks.
+    """
     first, last = max(read.first, whole.first), min(read.last, whole.last)
     axes = builder.type(whole.node).axes
     if builder.type(slope).window is not None:
@@ -186,6 +197,8 @@ def _placed(builder: GraphBuilder, slope: NodeId, read: _Read, whole: _Read) -> 
 
 
 def _zero(builder: GraphBuilder, y: NodeId, x: NodeId) -> NodeId:
-    """The zero gradient of a y that is piecewise constant in x."""
+    """The node of a zero gradient, with the axes of x and the unit of y / x, for a y that is
+    piecewise constant in x.
+    """
     unit = quotient_unit(builder.type(y).unit, builder.type(x).unit)
     return builder.broadcast(builder.constant(0.0, unit=unit), builder.type(x).axes)

@@ -1,4 +1,6 @@
-"""Maps each builtin to its lowering: scalar functions, reductions, lists, selection."""
+"""The table of the builtins with the function that lowers each: scalar functions, reductions,
+lists, selection.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ LONGEST_LIST = 100_000
 
 
 def number_list(name: str) -> Callable[[Context, Call, Environment], NodeId]:
-    """The lowering of the builtin of that name, to a constant along an unnamed axis."""
+    """The function that lowers calls of `name` (`linspace`, `arange`, `zeros` or `ones`) to a
+    constant along an unnamed axis. It reports unusable arguments and raises LoweringFailed.
+    """
 
     def lower_numbers(context: Context, call: Call, environment: Environment) -> NodeId:
         given = [number(context, each, f"an argument of `{name}`") for each in call.arguments]
@@ -88,7 +92,9 @@ Lower = Callable[[Context, Call, Environment], NodeId]
 
 
 def lower_builtin(context: Context, name: str, call: Call, environment: Environment) -> NodeId:
-    """The node of a call of a builtin. Reports a wrong number of arguments or unknown keywords."""
+    """The node of a call of the builtin `name`. Reports a wrong number of arguments, unknown
+    keywords and other mistakes, and raises LoweringFailed.
+    """
     _check_arguments(context, name, SIGNATURES[name], call)
     return LOWERINGS[name](context, call, environment)
 
@@ -96,7 +102,10 @@ def lower_builtin(context: Context, name: str, call: Call, environment: Environm
 def lower_plugin_function(
     context: Context, line: FunctionLine, call: Call, environment: Environment
 ) -> NodeId:
-    """The node of a call of a function that a plug-in makes of core operations."""
+    """The node of a call of a function that a plug-in builds from core operations; `line` is its
+    entry in the registry. Raises LoweringFailed after a mistake of the user, SpecError (E0230)
+    after one of the plug-in.
+    """
     _check_arguments(context, line.key, line.signature, call)
     context.plugin_functions.add(line.key)
     builder = context.builder(environment)
@@ -281,7 +290,9 @@ def _stack(context: Context, call: Call, environment: Environment) -> NodeId:
 
 
 def _part(context: Context, call: Call, environment: Environment) -> NodeId:
-    """`part(q, joint2)`: one labelled element; `part(x, 0)`: one of an unnamed axis."""
+    """`part(q, joint2)` is the element of q with this label; `part(x, 0)` is one element of a value
+    with one axis. Reports an element that does not exist and raises LoweringFailed.
+    """
     builder = context.builder(environment)
     node = lower(context, call.arguments[0], environment)
     wanted = call.arguments[1]

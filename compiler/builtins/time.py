@@ -1,4 +1,6 @@
-"""Lowers builtins over time: `der(e)`, `integral(e)` and earlier samples (R5, R8)."""
+"""Lowers builtins that involve time: `der(e)`, `integral(e)`, and the value of an expression at the
+sample before (R5, R8). All raise LoweringFailed after reporting a mistake.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +20,11 @@ from spec_schema.units.parser import parse_unit
 
 
 def earlier(context: Context, call: Call, environment: Environment) -> NodeId:
-    """The argument of a call at t−1. If its value before t0 is unknown, that at t0 is used instead.
+    """The node of the call's argument at t−1. In the first step, if its value before t0 is unknown,
+    that at t0 is used instead.
 
     Signals are read one sample earlier where possible. A value that depends on a simulation with
-    unknown past is stored in a state.
+    unknown past is stored in a state. Raises LoweringFailed after reporting a mistake.
     """
     argument = call.arguments[0]
     before = environment.shifted(-1)
@@ -36,7 +39,10 @@ def earlier(context: Context, call: Call, environment: Environment) -> NodeId:
 
 
 def in_the_step(context: Context, call: Call, environment: Environment) -> Environment:
-    """The environment of a call with memory: at t, constant over integrator stages (R6)."""
+    """The environment in which a call with memory, such as `integral`, is lowered: at t, constant
+    during integrator stages (R6). Reports such a call in the start, in a constant or at another
+    time, and raises LoweringFailed.
+    """
     function = call.function
     name = expression_text(function)
     if environment.part is EnvironmentPart.START or environment.part is EnvironmentPart.CONSTANT:
@@ -54,7 +60,9 @@ def in_the_step(context: Context, call: Call, environment: Environment) -> Envir
 
 
 def one_sample(context: Context, call: Call, environment: Environment) -> NodeId:
-    """The argument of a call with memory. Raises LoweringFailed if it is a window."""
+    """The node of the argument of a call with memory. Reports an argument that is a window and
+    raises LoweringFailed.
+    """
     argument = call.arguments[0]
     node = lower(context, argument, environment)
     if context.builder(environment).type(node).window is not None:
@@ -74,10 +82,10 @@ def keep(
     *,
     starts_fresh_each_run: bool = False,
 ) -> None:
-    """Adds the state of a call with memory, named `name`.
+    """Adds the state `name` in which a call with memory stores its value.
 
-    `following` is the node of its value after the step, `start` the node of its first value, in the
-    start graph.
+    `following` is the node of its value after the step, `start` that of its value before the first
+    step, in the start graph. With `starts_fresh_each_run` every run initialises it in the same way.
     """
     type = context.builder(environment).type(following)
     doc = f"memory of {expression_text(call)}"
@@ -97,7 +105,9 @@ def keep(
 
 
 def _remembered(context: Context, call: Call, environment: Environment) -> NodeId:
-    """The value of the previous step, from a state; in the first step, the value of this step."""
+    """The node of the argument's value in the previous step, from a state; in the first step, of
+    its value in this step.
+    """
     environment = in_the_step(context, call, environment)
     now = one_sample(context, call, environment)
     builder, start = context.builder(environment), context.builder(START)
@@ -131,10 +141,12 @@ _DERIVATIVE_METHODS = ("backward", "trapezoidal", "central", "forward")
 
 
 def lower_derivative(context: Context, call: Call, environment: Environment) -> NodeId:
-    """The right-hand side of a continuous state; for other expressions a difference quotient.
+    """`der(e)`: the right-hand side if e is a continuous state; for other expressions a difference
+    quotient, by `method=`.
 
     backward: (e[t] − e[t−1]) / dt. central: (e[t+1] − e[t−1]) / (2 dt). forward: (e[t+1] − e[t]) /
-    dt. trapezoidal: d[t] = 2 (e[t] − e[t−1]) / dt − d[t−1] with d[t0−1] = 0.
+    dt. trapezoidal: d[t] = 2 (e[t] − e[t−1]) / dt − d[t−1] with d[t0−1] = 0. Raises LoweringFailed
+    after reporting a mistake.
     """
     method = method_of(context, call, _DERIVATIVE_METHODS)
     argument, there = resolved(call.arguments[0], environment)
@@ -173,10 +185,10 @@ def lower_derivative(context: Context, call: Call, environment: Environment) -> 
 
 
 def _trapezoidal(context: Context, call: Call, environment: Environment, seconds: float) -> NodeId:
-    """The derivative d[t] = 2 (e[t] − e[t−1]) / dt − d[t−1], with d[t0−1] = 0.
+    """The derivative d[t] = 2 (e[t] − e[t−1]) / dt − d[t−1] of the argument e, with d[t0−1] = 0 and
+    dt = `seconds`.
 
-    The trapezoidal integral undoes it exactly. After any jump of e it oscillates for ever,
-    undamped.
+    The trapezoidal integral inverts it exactly. After a jump of e it oscillates without damping.
     """
     start = context.builder(START)
     # d[t0−1] = 0 by definition
@@ -200,7 +212,9 @@ def _trapezoidal(context: Context, call: Call, environment: Environment, seconds
 
 
 def _logged(context: Context, call: Call, environment: Environment, method: str) -> NodeId:
-    """The argument at a sample after t. Raises LoweringFailed unless it depends on the log only."""
+    """The node of the call's argument in an environment after t. Reports an argument that does not
+    depend on the log only and raises LoweringFailed; `method` is named in the message.
+    """
     argument = call.arguments[0]
     node = context.names.tried(lambda: lower(context, argument, environment))
     if node is None:
@@ -215,7 +229,9 @@ _INTEGRAL_METHODS = ("euler", "trapezoidal")
 
 
 def lower_integral(context: Context, call: Call, environment: Environment) -> NodeId:
-    """I[t] = I[t−1] + dt·e[t], or I[t−1] + dt/2·(e[t] + e[t−1]); I[t0−1] is `init=`, else 0."""
+    """`integral(e)`: I[t] = I[t−1] + dt·e[t] (`method=euler`), or I[t−1] + dt/2·(e[t] + e[t−1])
+    (`trapezoidal`). I[t0−1] is `init=`, else 0. Raises LoweringFailed after reporting a mistake.
+    """
     method = method_of(context, call, _INTEGRAL_METHODS)
     if environment.part is EnvironmentPart.START and environment.time == (-1, None):
         # I[t0−1] is the initial value
@@ -256,7 +272,9 @@ def _seconds(context: Context, call: Call, environment: Environment, share: floa
 
 
 def _start(context: Context, call: Call, type: Type | None) -> NodeId:
-    """The node of I[t0−1] in the start graph, with the axes of `type` if given."""
+    """The node of the initial value I[t0−1] in the start graph, with the axes and unit of `type`
+    unless it is None. Raises LoweringFailed after reporting a mistake in `init=`.
+    """
     builder = context.builder(START)
     init = option(call, "init")
     if init is None:

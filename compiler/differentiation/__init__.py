@@ -1,1 +1,3 @@
-"""Derives graphs in reverse and forward mode."""
+"""Derives graphs that compute derivatives, in reverse mode (gradients) and forward mode
+(tangents).
+"""

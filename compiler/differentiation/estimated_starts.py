@@ -1,4 +1,4 @@
-"""Builds two programs for fitted initial states: one reads estimates, one also shifts them.
+"""Builds two programs for initial states that least squares estimate.
 
 `with_read_starts` reads the estimates from series in the data. `with_moved_starts` also adds a
 parameter to each; its derivatives are those that least squares need for an estimate.
@@ -15,14 +15,18 @@ from compiler.ir.types import Type
 
 
 def start_signal(state: str) -> str:
-    """The series whose row t0 contains the initial value of a state for a run that starts at t0."""
+    """The name of the series in whose row t0 the estimated initial value of a state is, for a
+    rollout that starts at row t0.
+    """
     return f"{state}.start"
 
 
 def offset_parameter(state: State) -> str:
-    """The parameter, 0, that is added to all initial values of a state.
+    """The name of the parameter, always 0, that is added to the initial values of a state in all
+    rollouts.
 
-    The derivative of a run with respect to it equals that with respect to the run's initial value.
+    The derivative of a rollout with respect to it equals that with respect to the rollout's initial
+    value.
     """
     return f"{state.name}.offset"
 
@@ -33,9 +37,10 @@ def estimated_states(program: Program) -> tuple[State, ...]:
 
 
 def evaluations_that_decide(states: Iterable[State]) -> int | None:
-    """Number of first samples of a run that estimate these states; None for the whole run.
+    """Number of first samples of a rollout from which these states are estimated; None for all
+    samples, 0 without states.
 
-    All states are estimated together, so the longest `over` counts.
+    All states are estimated together, so the longest `over:` of the spec counts.
     """
     longest = 0
     for state in states:
@@ -49,7 +54,7 @@ def with_read_starts(program: Program) -> Program:
     """Reads estimated initial values from separate series.
 
     Before: window form. After: no state is marked as estimated; each that was starts from row t0 of
-    the target `<state>.start`.
+    the target `<state>.start`. Example, before and after:
 
         state x: scalar m, next %1, start %0, fitted over 20   # %0: scalar m = 0
 
@@ -59,11 +64,11 @@ def with_read_starts(program: Program) -> Program:
 
 
 def with_moved_starts(program: Program) -> Program:
-    """Like `with_read_starts`, but adds to each initial value a parameter `<state>.offset`, which
-    is 0.
+    """Reads estimated initial values from separate series, and adds to each a parameter
+    `<state>.offset`, which is 0.
 
-    One parameter shifts the initial values of all runs. The derivative of a run with respect to it
-    is therefore the derivative with respect to the initial value of that run.
+    One parameter shifts the initial values of all rollouts. The derivative of a rollout with
+    respect to it is therefore the derivative with respect to the initial value of that rollout.
     """
     states = estimated_states(program)
     parameters = tuple(

@@ -1,7 +1,7 @@
 """Forward-mode differentiation: adds nodes with the directional derivatives (tangents) of others.
 
 For n directions, a node y of axes (…) has the tangent ẏ of axes (directions, …): the derivative of
-every element of y in each direction. A node y has ẏ = Σ ∂y/∂x ẋ over its operands x (Griewank,
+every element of y in each direction. The rule is ẏ = Σ ∂y/∂x ẋ over the operands x of y (Griewank,
 Walther: Evaluating Derivatives, 2008, ch. 3). Tangents consist of core operations, so every backend
 can compute them.
 
@@ -34,12 +34,13 @@ def tangents(
     *,
     count: int | None = None,
 ) -> dict[NodeId, NodeId]:
-    """The tangents of all nodes of the builder's graph that depend on the keys of `seeds`.
+    """The tangents, by node, of all nodes of the builder's graph that depend on the keys of
+    `seeds`; `directions` is their first axis.
 
-    `seeds` has the tangents of leaves. `buffers` maps each buffer state that depends on a seed to
-    the state with the tangents of its samples; other buffers are constant. Tangents in the buffers
-    of `infinite` may be infinite. With `count`, only the first `count` nodes are differentiated.
-    The number of added nodes is linear in the size of the graph.
+    `seeds` has the tangents of leaves. `buffers` maps each buffer that depends on a seed to the
+    name of the buffer with the tangents of its samples; other buffers are constant. Tangents in the
+    buffers `infinite` may be infinite. With `count`, only the first `count` nodes are
+    differentiated. The number of added nodes is linear in the size of the graph.
     """
     found: dict[NodeId, NodeId] = dict(seeds)
     for node in range(len(builder.graph()) if count is None else count):
@@ -62,13 +63,15 @@ def tangents(
 
 
 def zero_tangent(builder: GraphBuilder, directions: Axis, node: NodeId) -> NodeId:
-    """The tangent, 0, of a node that does not depend on a seed."""
+    """The tangent of a node that does not depend on a seed: zeros with the axes (directions, axes
+    of the node).
+    """
     return builder.broadcast(builder.constant(0.0), (directions, *builder.type(node).axes))
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """Derives the tangent of a node from the tangents of its operands."""
+    """Derives the tangent of `node` from the tangents `known` of its operands."""
 
     builder: GraphBuilder
     directions: Axis
@@ -161,7 +164,7 @@ class _Rule:
         return zero_tangent(self.builder, self.directions, node) if tangent is None else tangent
 
     def _repeated(self, value: NodeId) -> NodeId:
-        """The value repeated along the directions."""
+        """The value, equal for all directions, with the axis of the directions in front."""
         return self.builder.broadcast(value, (self.directions, *self.builder.type(value).axes))
 
     def _sum(self, *terms: NodeId | None) -> NodeId | None:
@@ -175,9 +178,8 @@ class _Rule:
         return None if tangent is None else self.builder.negate(tangent)
 
     def _times(self, position: int, slope: NodeId) -> NodeId | None:
-        """The tangent of the operand at `position` times a factor that is equal in all directions.
-
-        None if the operand depends on no seed.
+        """The tangent of the operand at `position` times `slope`, a factor that is equal in all
+        directions. None if the operand depends on no seed.
         """
         tangent = self.known.get(self.builder.node(self.node).args[position])
         if tangent is None:
@@ -194,7 +196,7 @@ class _Rule:
         )
 
     def _clamped(self) -> NodeId:
-        """The tangent of the active limit, otherwise the tangent of the value."""
+        """The tangent of a clamp: that of the active limit, otherwise that of the clamped value."""
         b = self.builder
         value, low, high = b.node(self.node).args
         below = b.compare(ops.Relation.LESS, value, low)
@@ -205,7 +207,9 @@ class _Rule:
         return b.select(above, self._or_zero(high), self._chosen(below, low, value))
 
     def _contracted(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
-        """Σ over the axis of (tangent of one operand) · (other operand), in the node's axes."""
+        """The tangent of a contraction with respect to its operand `moving`: the sum over `axis` of
+        its tangent times the operand `other`. None if `moving` depends on no seed.
+        """
         tangent = self.known.get(moving)
         if tangent is None:
             return None
@@ -223,8 +227,9 @@ class _Rule:
         return b.broadcast(product, axes)
 
     def _picked(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
-        """The same for a leaf p: ∂(Σ pᵢⱼ xⱼ)/∂pᵢⱼ is xⱼ in row i, so a sum with zeros is
-        avoided.
+        """The tangent of a contraction over `axis` with respect to a leaf p = `moving` whose seed
+        is an identity matrix. ∂(Σ pᵢⱼ xⱼ)/∂pᵢⱼ is xⱼ in row i, which avoids a sum with zeros. None
+        for other seeds.
         """
         b = self.builder
         # the seed is rows of an identity matrix: the sum over the axis has one nonzero term
@@ -259,7 +264,10 @@ class _Rule:
 
 
 def _first_direction(seed: ops.Op, type: Type, count: int) -> int | None:
-    """Index of the first unit direction of a leaf's elements; None for any other seed."""
+    """If the seed of a leaf with `count` elements is a constant that gives each element a unit
+    direction of its own, in order: the index of the first direction. None for any other seed.
+    `type` is the type of the seed.
+    """
     if not isinstance(seed, ops.Constant):
         return None
     # only the seeds that `sensitivities` makes are recognised; others use the general sum

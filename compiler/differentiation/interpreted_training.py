@@ -1,4 +1,5 @@
-"""Evaluates the training graphs in the interpreter, with rounding bounds, as reference for kernels.
+"""Evaluates the graphs of training in the interpreter, with rounding bounds: the reference for
+training kernels.
 
 It uses the graphs of the training kernels, in their precision. The step runs forward over a
 horizon; then the reverse step runs from the last sample to the first, and the reverse start.
@@ -23,16 +24,20 @@ from compiler.ir.program import NodeId
 
 @dataclass(frozen=True, slots=True)
 class InterpretedLosses:
-    """Σ of every loss, the number of scored elements, and the gradient of the weighted total."""
+    """For every loss its sum and its number of scored elements, by name, and the gradient of the
+    weighted total.
+    """
 
     sums: dict[str, Total]
     counts: dict[str, Total]
     gradient: dict[str, Total]
-    """By parameter, in physical values."""
+    """The gradient with respect to each parameter in its physical unit, by name."""
 
 
 class InterpretedTraining:
-    """The graphs of one training step with given weights, in one precision."""
+    """Evaluates the graphs of one training step with these weights (physical, by name) in the
+    precision `dtype`.
+    """
 
     def __init__(
         self, step: TrainingStep, weights: Mapping[str, Array], dtype: np.dtype[Any]
@@ -51,7 +56,9 @@ class InterpretedTraining:
         )
 
     def losses(self, runs: Rollouts, loss_weights: Mapping[str, float]) -> InterpretedLosses:
-        """The sums of every loss over these rollouts, and the gradient of Σ weight · loss."""
+        """The sum of every loss over the rollouts `runs`, and the gradient of Σ weight · loss;
+        `loss_weights` has the weight of each loss by name.
+        """
         moments = list(self._forward.moments(runs))
         sums = {term.loss.name: Total(self._dtype) for term in self._step.losses}
         counts = {name: Total(self._dtype) for name in sums}
@@ -126,7 +133,10 @@ def _results(term: LossTerm) -> list[NodeId]:
 def _scale(
     term: LossTerm, total: Total, counts: Mapping[str, Total], weights: Mapping[str, float]
 ) -> tuple[float, float]:
-    """∂(weighted total)/∂(sum of this loss), in float64, and its error bound."""
+    """∂(weighted total)/∂(sum of the loss `term`) in float64, and a bound on its error; 0 if
+    nothing is scored. `total` is the sum of the loss, `counts` are the numbers of scored elements
+    and `weights` the weights, by loss.
+    """
     count, weight = float(counts[term.loss.name].value), weights[term.loss.name]
     if count == 0:
         return 0.0, 0.0
@@ -149,7 +159,7 @@ def _scale(
 
 
 def _number(value: float, error: float, members: int, dtype: np.dtype[Any]) -> Bounded:
-    """A scalar for every member."""
+    """The scalar `value` with the rounding bound `error`, repeated for every member."""
     one = exact(np.full(members, value, dtype))
     return Bounded(one.value, one.error + error, one.terms + error, 1)
 
@@ -159,8 +169,8 @@ _DTYPE: np.dtype[Any] = np.dtype(np.float64)
 
 @dataclass(frozen=True, slots=True)
 class InterpretedProducts:
-    """The products [J r]ᵀ[J r] of one loss, (n + 1, n + 1) for n learned elements, and Σ of its
-    cost.
+    """The products [J r]ᵀ[J r] of one loss Σ r², with J = ∂r/∂θ, and the sum of its cost. The shape
+    is (n + 1, n + 1) for n learned elements.
     """
 
     products: Total
@@ -174,7 +184,9 @@ class InterpretedProducts:
 def interpreted_products(
     found: Sensitivities, weights: Mapping[str, Array], runs: Rollouts
 ) -> dict[str, InterpretedProducts]:
-    """The products of every loss that is a sum of squares, over these rollouts, in float64."""
+    """The products, by loss, of every loss that is a sum of squares, over the rollouts `runs`, in
+    float64. `found` is the program with its sensitivities, `weights` are physical arrays by name.
+    """
     terms = {term.loss.name: term for term in found.losses}
     summed = [node for term in found.losses for node in (term.total, term.count)]
     wanted = [node for one in found.residuals for node in (one.values, one.slopes, one.left_out)]
@@ -202,7 +214,9 @@ def interpreted_products(
 def _rows(
     one: LossResiduals, moment: RolloutStep, numbers: int, members: int
 ) -> tuple[Array, Array]:
-    """Rows [J r], (members, elements, numbers + 1), and the error bound of each element."""
+    """The rows [J r] of the loss `one` in the step `moment`, (members, elements, numbers + 1), and
+    a bound on the error of each element. `numbers` is the number of learned elements.
+    """
     unit = unit_roundoff(_DTYPE)
     values, slopes = (moment.values[node].repeated(members) for node in (one.values, one.slopes))
 
@@ -218,13 +232,15 @@ def _rows(
 
 
 def _over_elements(one: Bounded) -> Bounded:
-    """The sum over the elements of each member."""
+    """The sum over all elements of the value `one`, for each member."""
     value, error, terms = (part.reshape(len(part), -1) for part in one.parts)
     return Bounded(value.sum(1), error.sum(1), terms.sum(1), one.count * value.shape[1])
 
 
 def _products(rows: tuple[Array, Array]) -> Bounded:
-    """The products of the rows of each member, summed over its elements."""
+    """The products [J r]ᵀ[J r] of each member, summed over its elements, with bounds; `rows` is the
+    result of `_rows`.
+    """
     row, off = rows
     size = np.abs(row)
     with np.errstate(all="ignore"):

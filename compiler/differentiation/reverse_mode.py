@@ -1,8 +1,9 @@
-"""Reverse-mode differentiation: adds nodes with the gradients of other nodes.
+"""Reverse-mode differentiation: adds nodes with the gradients of a scalar with respect to other
+nodes.
 
-For a scalar S with given adjoints ∂S/∂y, every node x in between has the adjoint x̄ = Σ over its
-uses u of ūᵀ ∂u/∂x (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). The gradient consists
-of core operations, so that every backend can compute it.
+For a scalar S with known adjoints ∂S/∂y, a node x has the adjoint x̄ = Σ ūᵀ ∂u/∂x over its uses u
+(Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). The gradient consists of core operations,
+so that every backend can compute it.
 
 All backends share the conventions at kinks. abs, sign and relu have derivative 0 at 0. A tie of min
 or max goes to the first operand, and clamp has derivative 1 on its bounds. Fuzzy sets use the
@@ -37,7 +38,8 @@ Key = TypeVar("Key")
 def gradients(
     builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId], wanted: Sequence[NodeId]
 ) -> list[NodeId | None]:
-    """∂S/∂w for each wanted node w, given ∂S/∂y (axes of y) for the keys y of `adjoints`.
+    """∂S/∂w of a scalar S for each wanted node w, in order, given ∂S/∂y (in the axes of y) for the
+    keys y of `adjoints`.
 
     None if S does not depend on w. The nodes are added to the builder; their number is linear in
     the size of the graph. Bool nodes have no gradient.
@@ -62,8 +64,8 @@ def gradients(
 
 @dataclass(frozen=True)
 class StepGradients:
-    """Gradients of a scalar S by the states, parameters and signals that a step reads, as nodes by
-    name.
+    """The nodes of the gradients ∂S/∂x of a scalar S for the states, parameters and signals x that
+    a step reads, by name.
 
     A name is absent if S does not depend on it.
     """
@@ -71,13 +73,14 @@ class StepGradients:
     states: Mapping[str, NodeId]
     parameters: Mapping[str, NodeId]
     signals: Mapping[str, NodeId]
-    """By signal; empty if not requested."""
+    """The gradients by signals; empty if not requested."""
 
 
 def step_gradients(
     builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId], *, signals: bool = True
 ) -> StepGradients:
-    """The gradients with respect to all states, parameters and signals that a step reads.
+    """The gradients of a scalar S with respect to all states and parameters that a step reads, and
+    with `signals` also to its signals. `adjoints` has ∂S/∂y by node y.
 
     A buffer state is read whole (`ReadState`), or together with its newest sample (`Window`).
     `signals` requires a graph that reads each signal once, as step form does; window form reads a
@@ -119,7 +122,9 @@ def accumulate(builder: GraphBuilder, sums: dict[Key, NodeId], key: Key, addend:
 
 
 def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId) -> set[NodeId]:
-    """The nodes up to `last` that depend on a wanted node, including these."""
+    """The nodes up to the id `last` that depend on a wanted node, and the wanted nodes
+    themselves.
+    """
     needed = set(wanted)
     for node in range(min(needed, default=0), last + 1):
         if builder.type(node).kind == "real" and any(
@@ -131,15 +136,15 @@ def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId)
 
 @dataclass(frozen=True)
 class _Rule:
-    """Propagates a node's adjoint to its operands."""
+    """Propagates the adjoint of one node to its operands."""
 
     builder: GraphBuilder
     node: NodeId
     adjoint: NodeId
 
     def shares(self, needed: set[NodeId]) -> list[tuple[int, NodeId]]:
-        """The gradient terms of the needed operands of a node: pairs (position of the operand,
-        term).
+        """The terms that the node adds to the adjoints of those of its operands that are in
+        `needed`: pairs (position of the operand, node of the term).
         """
         args = self.builder.node(self.node).args
         wanted = [position for position, argument in enumerate(args) if argument in needed]
@@ -204,8 +209,8 @@ class _Rule:
                 assert_never(node.op)
 
     def _times(self, slope: NodeId) -> NodeId:
-        """adjoint · derivative; the product is omitted if the adjoint is the 1 of a plain
-        gradient.
+        """The adjoint times the local derivative `slope`; only the derivative if the adjoint is the
+        constant 1.
         """
         b = self.builder
         seed = b.node(self.adjoint)
@@ -217,7 +222,7 @@ class _Rule:
         return slope_product(b, self.adjoint, slope)
 
     def _chosen(self, condition: NodeId, when: bool) -> NodeId:
-        """The adjoint where the condition has this value, 0 elsewhere."""
+        """The adjoint where the bool node `condition` has the value `when`, 0 elsewhere."""
         zero = self._zero()
         then, otherwise = (self.adjoint, zero) if when else (zero, self.adjoint)
         return self.builder.select(condition, then, otherwise)
@@ -247,7 +252,9 @@ class _Rule:
         return found.size
 
     def _summed_to(self, axes: tuple[Axis, ...], value: NodeId) -> NodeId:
-        """The value summed over the axes that are not in `axes`, then in their order."""
+        """The value summed over the axes that are not in `axes`, with the remaining ones in that
+        order.
+        """
         b = self.builder
         kept = {axis.name for axis in axes}
         for axis in reversed(b.type(value).axes):
@@ -256,7 +263,9 @@ class _Rule:
         return b.broadcast(value, axes)
 
     def _padded(self, axis: str, start: int, stop: int) -> NodeId:
-        """The adjoint of a slice at its position along the axis, with zeros around it."""
+        """The adjoint of the operand of a slice start … stop−1 along `axis`: the slice's adjoint at
+        its position, zeros around it.
+        """
         b = self.builder
         source = b.node(self.node).args[0]
         parts = [
@@ -276,7 +285,9 @@ class _Rule:
         return b.broadcast(b.constant(0.0), sized)
 
     def _contracted(self, position: int) -> NodeId:
-        """Σ of adjoint · other operand, over the axes of the other operand that this one lacks."""
+        """The term for the operand of a contraction at `position`: the adjoint times the other
+        operand, summed over the axes that this operand lacks.
+        """
         b = self.builder
         args = b.node(self.node).args
         wanted, other = b.type(args[position]).axes, args[1 - position]
@@ -296,7 +307,9 @@ class _Rule:
         return self._summed_to(wanted, product)
 
     def _in_all_axes(self, other: NodeId) -> tuple[NodeId, NodeId]:
-        """The adjoint and the other operand, each repeated along the axes that it lacks."""
+        """The adjoint and the operand `other`, each repeated along the axes that only the other one
+        has.
+        """
         b = self.builder
         mine, others = b.type(self.adjoint), b.type(other).axes
         more = tuple(axis for axis in others if mine.axis(axis.name) is None)
@@ -315,7 +328,8 @@ class _Rule:
 def gradient_nodes(
     builder: GraphBuilder, value: NodeId, wanted: Sequence[NodeId]
 ) -> list[NodeId | None]:
-    """Σ ∂value/∂w over all elements of the value, for each wanted node w; None if independent of w.
+    """For each wanted node w, the node of Σ ∂v/∂w over all elements v of the node `value`; None if
+    it does not depend on w.
 
     A gradient has the axes of w and the unit of value / w. Only the nodes that the value depends on
     are differentiated; untaken branches are guarded first. Nodes already in the graph are reused.
@@ -326,8 +340,8 @@ def gradient_nodes(
 def element_gradients(
     builder: GraphBuilder, value: NodeId, wanted: Sequence[NodeId]
 ) -> list[list[NodeId | None]]:
-    """∂(element)/∂w for each element of the value, in C order, and each wanted node w: rows of a
-    Jacobian.
+    """The rows of a Jacobian: for each element v of the node `value`, in C order, a list with the
+    node of ∂v/∂w for each wanted node w.
 
     None if an element does not depend on w.
     """
@@ -338,7 +352,9 @@ def element_gradients(
 
 
 class _Differentiated:
-    """A guarded copy of a value's graph and its gradients, which are copied back where needed."""
+    """A copy of the graph of `value` with guarded branches, in which gradients are computed. The
+    nodes of the results are copied back to `builder`.
+    """
 
     def __init__(self, builder: GraphBuilder, value: NodeId) -> None:
         self._builder = builder
@@ -348,7 +364,9 @@ class _Differentiated:
         self._copies: dict[NodeId, NodeId] = {}
 
     def gradients(self, weights: Array, wanted: Sequence[NodeId]) -> list[NodeId | None]:
-        """Σ weight · ∂value/∂w over the elements of the value; a scalar weight counts for all."""
+        """For each wanted node w, the node of Σ weight · ∂v/∂w over the elements v of the value;
+        None if it does not depend on w. `weights` has one weight per element, or a scalar for all.
+        """
         draft, type = self._draft, self._builder.type(self._value)
         if weights.ndim == 0:
             adjoint = draft.broadcast(draft.constant(weights), type.axes)

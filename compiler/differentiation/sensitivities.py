@@ -1,4 +1,5 @@
-"""Builds the step of second-order training: residuals and their derivatives in forward mode.
+"""Builds the step of second-order training: residuals and their derivatives by the parameters θ, in
+forward mode.
 
 For every state x that depends on a learned parameter θ, the program gets the state ∂x/∂θ and so
 simulates its own sensitivities. Any backend that runs programs can then compute exact Jacobians of
@@ -41,8 +42,8 @@ from compiler.ir.types import Axis, Type
 
 @dataclass(frozen=True, slots=True)
 class LossResiduals:
-    """A loss as Σ r² over its elements: r and its derivatives ∂r/∂θ, both 0 where nothing is
-    scored.
+    """A loss as Σ r² over its elements: the nodes of the residuals r and of their derivatives
+    ∂r/∂θ, both 0 where nothing is scored.
 
     Both are also 0 where a derivative is infinite, i.e. above `LARGEST_SLOPE` with θ in multiples
     of its scale (decision 0184). The derivative of the sum is exact, 2 Σ r ∂r/∂θ. For huber, r
@@ -51,16 +52,19 @@ class LossResiduals:
 
     loss: Loss
     values: NodeId
-    """Axes (…)."""
+    """The residuals r, axes (…)."""
     slopes: NodeId
     """∂r/∂θ, axes (LEARNED, …)."""
     left_out: NodeId | None
-    """√w where a derivative is infinite, else 0, axes (…); None if none can be infinite."""
+    """√w of the row factor w (1 without factors) where a derivative is infinite, else 0, axes (…);
+    None if none can be infinite."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unsquared:
-    """A residual as factor · error; the factor is constant in derivatives, None means 1."""
+    """The residual of a loss, before it is squared, as factor · error. The factor counts as a
+    constant when derivatives are taken; None means 1.
+    """
 
     error: NodeId
     factor: NodeId | None
@@ -69,7 +73,9 @@ class Unsquared:
 
 
 def unsquared_residual(builder: GraphBuilder, loss: Loss) -> Unsquared:
-    """The residual of a loss that is a sum of squares."""
+    """The residual r of a loss that is a sum of squares Σ r². Raises AssertionError for another
+    measure or a loss without a target.
+    """
     assert loss.target is not None, "a loss without a target compares nothing"
     error = scored_error(builder, loss)
     axes = builder.type(error).axes
@@ -96,8 +102,11 @@ def residual_row(
     scales: Sequence[float],
     leaves_out: Callable[[], bool],
 ) -> LossResiduals:
-    """A residual with its derivatives, 0 where these are infinite; `scales` of all LEARNED
-    elements.
+    """The residual with its derivatives, both set to 0 where a derivative is infinite.
+
+    `slopes` is the node of ∂error/∂θ with LEARNED as first axis, `scales` has the scale of every
+    learned element. `leaves_out` returns False if no derivative is infinite where the losses are
+    finite; then nothing is tested.
     """
     directions = builder.type(slopes).axes[0]
     values = _weighted(builder, residual.factor, residual.error)
@@ -146,11 +155,13 @@ SLOPE = "slope of "
 
 @dataclass(frozen=True, slots=True)
 class Sensitivities:
-    """A program with closed loops that simulates its sensitivities."""
+    """A program with closed loops that also simulates its sensitivities, with the nodes of its
+    losses and residuals.
+    """
 
     program: Program
     learned: tuple[str, ...]
-    """Parameters in the order of LEARNED."""
+    """Names of the learned parameters, in the order of the axis LEARNED."""
     losses: tuple[LossTerm, ...]
     residuals: tuple[LossResiduals, ...]
     """Residuals of the losses that are sums of squares."""
@@ -162,11 +173,11 @@ class Sensitivities:
 
 
 def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
-    """Adds derivatives of losses and states with respect to every element of the parameters
-    `learned`.
+    """Adds to a program the derivatives of its losses and states with respect to every element of
+    the parameters `learned`.
 
     `program` is in window form with closed loops; squares without a target are written as
-    comparisons (`with_compared_squares`). Other losses have no residuals.
+    comparisons (`with_compared_squares`). Losses that are no sums of squares have no residuals.
     """
     directions = Axis(LEARNED, sum(_size(program, name) for name in learned))
     # a state that does not depend on learned parameters needs no derivative state
@@ -183,7 +194,9 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
 
     @cache
     def leaves_out() -> bool:
-        """True if derivatives can be infinite where the losses are finite, by reverse mode."""
+        """True if derivatives can be infinite where the losses are finite, as reverse mode finds
+        out.
+        """
         return training_step(program).has_infinite_slopes
 
     while True:
@@ -213,7 +226,9 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
 
 
 class _Step:
-    """The step with its tangents; derivatives of the states in `infinite` may be infinite."""
+    """The step with its tangents. `moving` are the states with derivatives; those of the states
+    `infinite` may be infinite.
+    """
 
     def __init__(
         self,
@@ -254,7 +269,9 @@ class _Step:
 
 
 def scales_of(program: Program, learned: Sequence[str]) -> list[float]:
-    """The scale of every element of the parameters `learned`, in the order of LEARNED."""
+    """The scale of every element of the parameters `learned`, one parameter after the other, as
+    along the axis LEARNED.
+    """
     return [program.parameter(name).scale for name in learned for _ in range(_size(program, name))]
 
 
@@ -272,7 +289,7 @@ def _or_zero(
 def _seeds(
     builder: GraphBuilder, program: Program, learned: Sequence[str], directions: Axis
 ) -> dict[NodeId, NodeId]:
-    """The tangents of the reads of learned parameters: unit directions for each element."""
+    """The tangents of the nodes that read learned parameters: a unit direction for each element."""
     first: dict[str, int] = {}
     total = 0
     for name in learned:
@@ -298,7 +315,9 @@ def _reads_of(graph: Graph, states: Collection[str]) -> dict[NodeId, tuple[str, 
 
 
 def _moving_states(program: Program, learned: frozenset[str]) -> tuple[State, ...]:
-    """The states that depend on the parameters `learned`, by their start or by any step."""
+    """The states whose value depends on the parameters `learned`, through the start or a step, in
+    the program's order.
+    """
     begun = _depending(program.start, learned, frozenset())
     moving = frozenset(state.name for state in program.states if state.start in begun)
     while True:
@@ -311,7 +330,7 @@ def _moving_states(program: Program, learned: frozenset[str]) -> tuple[State, ..
 
 
 def _depending(graph: Graph, parameters: frozenset[str], states: frozenset[str]) -> set[NodeId]:
-    """The nodes that depend on these parameters and states."""
+    """The nodes of the graph that depend on one of these parameters or states."""
     found: set[NodeId] = set()
     for index, node in graph:
         match node.op:
@@ -329,7 +348,8 @@ def _depending(graph: Graph, parameters: frozenset[str], states: frozenset[str])
 
 
 ROOT = "root of the covariance"
-"""The parameter L, axes (LEARNED, DIRECTION)."""
+"""Name of the parameter L with LLᵀ the covariance of the learned elements, axes (LEARNED,
+direction)."""
 
 VARIANCE = "variance of "
 """Prefix of the name of an output with the elementwise variance of another output."""
@@ -338,11 +358,12 @@ _DIRECTION = "direction"
 
 
 def with_variances(program: Program, learned: Sequence[str], outputs: Collection[str]) -> Program:
-    """Adds the variances of these outputs that the uncertainty of the parameters `learned` causes.
+    """Adds an output for the variance of each of `outputs` that the uncertainty of the parameters
+    `learned` causes.
 
-    Before: window form, loops closed. After: the same, without losses; each output of `outputs`
-    that depends on a learned parameter has an additional `VARIANCE` output. Where a derivative is
-    infinite, the variance is 0.
+    The covariance of the learned elements is LLᵀ; L is the new parameter `ROOT`. Before: window
+    form, loops closed. After: the same, without losses; a variance has the name of its output with
+    the prefix `VARIANCE`. Where a derivative is infinite, the variance is 0.
     """
     builder = GraphBuilder(program.step)
     compared: list[Loss] = []

@@ -1,4 +1,6 @@
-"""Recognises losses that are sums of squares, for Gauss-Newton methods, and rewrites them."""
+"""Recognises losses that are sums of squares, which Gauss-Newton methods need, and rewrites them in
+one form.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +12,10 @@ from compiler.ir.program import Graph, Loss, Measure, Program
 
 
 def is_sum_of_squares(graph: Graph, loss: Loss) -> bool:
-    """True for mse, the square of one value (`l2`), and huber.
+    """True if the loss is a sum of squares: mse, huber, or the square of one value without a target
+    (`l2`). `graph` is the step.
 
-    Huber is a sum of squares by reweighting: e²/2 near zero, and a square with the same derivative
-    beyond δ.
+    Huber is one by reweighting: e²/2 near zero, and a square with the same derivative beyond δ.
     """
     match loss.measure:
         case Measure.MSE | Measure.HUBER:
@@ -27,9 +29,11 @@ def is_sum_of_squares(graph: Graph, loss: Loss) -> bool:
 
 
 def with_compared_squares(program: Program) -> Program:
-    """Writes every loss that is the square of one value as its mse to the target 0.
+    """Replaces every loss that is the square of one value by the mse of this value with the target
+    0.
 
-    Before: any form. After: the same values; no loss is a square without a target.
+    Before: any form. After: the same values; no loss is a square without a target. Example, before
+    and after:
 
         l2(w)
         mse(w, 0)

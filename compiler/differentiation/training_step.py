@@ -2,7 +2,7 @@
 
 A rollout runs the step forward over the horizon and stores the states. Then it runs the reverse
 step from the last sample to the first. The reverse step reads the stored values, the adjoints of
-the next states, and one scale per loss; its results are added to the gradients.
+the next states, and ∂S/∂(sum of the loss) for each loss; its results are added to the gradients.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from compiler.passes.guard_derivatives import guard_untaken
 
 @dataclass(frozen=True, slots=True)
 class LossTerm:
-    """The contribution of one step to a loss: the sum of the cost over scored elements, and their
-    number.
+    """The contribution of one step to a loss: the sum of the cost over its scored elements, and
+    their number. `elements` is the number of all elements.
     """
 
     loss: Loss
@@ -45,7 +45,7 @@ class LossTerm:
 
 @dataclass(frozen=True, slots=True)
 class Reverse:
-    """A graph and the nodes of its gradients, by name."""
+    """A graph that computes gradients, and the nodes of these gradients."""
 
     graph: Graph
     gradients: StepGradients
@@ -67,7 +67,7 @@ class TrainingStep:
 
 
 def training_step(program: Program) -> TrainingStep:
-    """The training graphs of a program in window form with closed loops."""
+    """The graphs of gradient-based training, for a program in window form with closed loops."""
     # before differentiation: the other branch must contribute 0, not 0·∞ (decision 0184)
     program = guard_untaken(program)
     builder = GraphBuilder(program.step)
@@ -89,7 +89,9 @@ def training_step(program: Program) -> TrainingStep:
 
 
 def losses_alone(program: Program) -> TrainingStep:
-    """The training step of a program without its reverse graphs; the losses have the same bits."""
+    """The training step of a program without its reverse graphs, for runs that need no gradient.
+    The losses have the same bits as with them.
+    """
     program = guard_untaken(program)
     builder = GraphBuilder(program.step)
     losses = loss_terms(builder, program)
@@ -97,7 +99,9 @@ def losses_alone(program: Program) -> TrainingStep:
 
 
 def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep:
-    """The training step without reverse graphs, from a step that contains the loss terms."""
+    """The training step without reverse graphs, for a program whose step already contains the nodes
+    of the loss terms `losses`.
+    """
     nothing = StepGradients({}, {}, {})
     return TrainingStep(
         program=program,
@@ -110,17 +114,21 @@ def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep
 
 
 def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
-    """The contribution of one step to every loss; `builder` has the nodes of the program's step."""
+    """The contribution of one step to every loss, in the program's order. The nodes are added to
+    `builder`, which has those of the step.
+    """
     return tuple(loss_term(builder, loss) for loss in program.losses)
 
 
 def newest_samples(program: Program) -> dict[str, NodeId]:
-    """The node of the step with the newest sample, for every buffer state."""
+    """For every buffer, by name, the node of the sample that a step appends to it."""
     return {state.name: _newest(program, state) for state in program.states if state.is_buffer}
 
 
 def _newest(program: Program, state: State) -> NodeId:
-    """The node of the sample that a step appends to the buffer `state`."""
+    """The node of the sample that a step appends to the buffer `state`. Raises AssertionError if
+    the state is not shifted by one sample.
+    """
     following = program.step[state.next]
     window = program.step[following.args[0]] if following.args else following
     assert isinstance(following.op, Slice), "a buffer is shifted by one sample"
@@ -129,7 +137,9 @@ def _newest(program: Program, state: State) -> NodeId:
 
 
 def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
-    """The sum of a loss's cost over the elements with a target, and their number."""
+    """The contribution of one step to a loss: the sum of its cost over the scored elements, and
+    their number. The nodes are added to `builder`.
+    """
     error = scored_error(builder, loss)
     cost, elements = element_cost(builder, loss, error), builder.type(error).size
     counts = None
@@ -146,7 +156,9 @@ def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
 
 
 def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
-    """Prediction − target, or the prediction if there is no target; 0 where it is not scored."""
+    """The node of the loss's prediction − target, or of the prediction if there is no target or the
+    measure is a mean; 0 for elements that are not scored.
+    """
     error = loss.prediction
     # the target of a mean only marks missing samples
     if loss.target is not None and loss.measure is not Measure.MEAN:
@@ -160,7 +172,8 @@ def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
 
 
 def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
-    """The weight of each element: the factor of its row, 0 where its target is missing.
+    """The node of the weight of each element of a loss: the factor of its row, the scalar node
+    `rows`; 0 where its target is missing.
 
     A negative factor counts as 0; data with negative factors are refused (E0850).
     """
@@ -174,7 +187,9 @@ def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
 
 
 def _present(builder: GraphBuilder, loss: Loss) -> NodeId | None:
-    """The mask of the scored elements; None if all are scored for any data."""
+    """The bool node that is true for the scored elements of a loss; None if all elements are scored
+    for any data.
+    """
     if loss.rows is None:
         return None if loss.target is None else _there(builder, loss.target)
     factors = element_factors(builder, loss, loss.rows)
@@ -188,7 +203,9 @@ def _there(builder: GraphBuilder, target: NodeId) -> NodeId:
 
 
 def element_cost(builder: GraphBuilder, loss: Loss, error: NodeId) -> NodeId:
-    """The cost of each element; 0 if the error is 0."""
+    """The node of the cost of each element, by the measure of the loss, for the node `error`. An
+    error of 0 costs 0.
+    """
     match loss.measure:
         case Measure.MSE | Measure.RMSE:
             return builder.multiply(error, error)
@@ -216,8 +233,9 @@ def _sum_of_all(builder: GraphBuilder, value: NodeId) -> NodeId:
 def _reverse_step(
     program: Program, losses: tuple[LossTerm, ...], newest: dict[str, NodeId]
 ) -> tuple[Reverse, frozenset[str], bool]:
-    """The reverse step, the states whose adjoints can be infinite, and if gradients can be
-    infinite.
+    """The reverse step, the states whose adjoints can be infinite, and True if a gradient with
+    respect to a parameter can be infinite. `losses` are the loss terms of the step; `newest` has
+    the node of the newest sample of each buffer.
 
     Adjoints pass from step to step, so the set of states with infinite adjoints is iterated until
     it is constant.
@@ -250,7 +268,8 @@ def _reverse_step(
 
 
 def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collection[str]) -> NodeId:
-    """The node from which the adjoint of a state enters the reverse graph.
+    """The node from which the adjoint of a state enters the reverse graph; training passes its
+    value.
 
     `result` is the state's value after the step or the start. `infinite` names states whose adjoint
     can be infinite.
@@ -263,8 +282,9 @@ def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collect
 
 
 def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]) -> Reverse:
-    """A reverse graph that reads the newest samples of buffers as stored values instead of
-    computing them again.
+    """A reverse graph that reads the newest samples of buffers as stored values, instead of
+    computing them again. `newest` maps the nodes of these samples to the names of the buffers;
+    `gradients` stay valid, since node ids do not change.
     """
     nodes: list[Node] = []
     for index, node in graph:
@@ -293,7 +313,8 @@ SIZE_OF = "size of "
 
 
 def compared_squares(program: Program) -> Program:
-    """Replaces losses with a target by their mse, and adds a loss with the squares of each target.
+    """Replaces losses with a target by their mse, and adds a loss for the sum of squares of each
+    target.
 
     The estimation of initial states uses these squares, whatever the measure of the loss.
     """
@@ -318,7 +339,9 @@ def compared_squares(program: Program) -> Program:
 
 
 def _square(builder: GraphBuilder, loss: Loss, target: NodeId) -> NodeId:
-    """The weighted square of each element of a target; 0 where the target is missing."""
+    """The node of the square of each element of the loss's target, times the factor of its row; 0
+    where the target is missing.
+    """
     axes = builder.type(target).axes
     zero = builder.broadcast(builder.constant(0.0), axes)
     # false only for NaN, which marks a missing recording

@@ -1,1 +1,3 @@
-"""Makes a program of a linked spec: every entry is lowered once for each way it is used."""
+"""Compiles a linked spec to a program: lowers every entry, once for each time at which it
+is read.
+"""

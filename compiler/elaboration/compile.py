@@ -1,4 +1,6 @@
-"""Compiles a spec: lowers every entry, reports all mistakes, verifies the program."""
+"""Compiles a spec to a program: links its sub-models, lowers every entry, reports all mistakes,
+runs the passes.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ UNIT_WARNINGS = ("W0504", "W0505", "W0509", "W0510", "W0737")
 
 @dataclass(frozen=True, kw_only=True)
 class Compiled:
-    """The program of a spec, its warnings, and the compiled sections of features."""
+    """The result of a compilation: the program of a spec, the warnings, and the compiled sections
+    of features.
+    """
 
     program: Program
     spec: Spec
@@ -69,7 +73,9 @@ class Compiled:
     """Type of one sample of each equation and output, before passes merge or remove values."""
 
     def of(self, kind: type[P]) -> P | None:
-        """The problem of this class; None if no section of the spec has one."""
+        """The compiled section of the class `kind`, such as the optimal control problem of `mpc`;
+        None if the spec has no such section.
+        """
         return problem_of_class(self.problems, kind)
 
 
@@ -88,7 +94,7 @@ def compile_spec(
     `used` has the parsed files of sub-models and `weights` the arrays of those with `weights:`, by
     full name. A sub-model without them has its initial values. `numbers` maps paths of files of
     initial values to their contents; other files are read from disk. `draw` selects other random
-    initial values.
+    initial values, and `spec_hash` is stored in the program.
 
     Raises SpecError with every mistake found; with `strict_units` also for units that do not fit.
     """
@@ -111,7 +117,9 @@ def compile_spec(
 def compile_linked(
     linked: Linked, *, strict_units: bool = False, spec_hash: str = "", draw: int = 0
 ) -> Compiled:
-    """Compiles a spec in which every name is a full name; otherwise like `compile_spec`."""
+    """Compiles a spec whose sub-models are already linked to one spec with full names. The other
+    arguments are those of `compile_spec`. Raises SpecError with every mistake found.
+    """
     spec = linked.spec
     # lowering recurses from a value into its operands: a chain of n equations is n calls deep
     with room_for(len(spec.equations) + len(spec.outputs)):
@@ -164,7 +172,9 @@ def compile_linked(
 def _with_problems(
     linked: Linked, compiled: Compiled, compile_it: Callable[[Linked], Compiled]
 ) -> Compiled:
-    """Adds the compiled sections of features."""
+    """`compiled` with the compiled sections of features and their warnings. `compile_it` compiles
+    other linked specs that a section needs.
+    """
 
     def compile_other(other: Linked) -> OtherProgram:
         whole = compile_it(other)
@@ -184,7 +194,9 @@ def _with_problems(
 
 
 def _used_plugins(spec: Spec, used: Mapping[str, ReadResult]) -> Iterable[UsedPlugin]:
-    """The plug-ins without which the spec and its sub-models cannot be read."""
+    """The plug-ins that bring sections, targets or layers of the spec or of its sub-models `used`;
+    without them these cannot be read.
+    """
     names: set[tuple[str, str]] = set()
     for each in (spec, *all_specs(used)):
         names |= {("section", line.key) for line, _ in each.sections()}
@@ -203,10 +215,12 @@ def in_own_files(
     used: Mapping[str, ReadResult],
     numbers: Mapping[str, str] | None = None,
 ) -> tuple[Diagnostic, ...]:
-    """Replaces diagnostics in a sub-model's file by those of compiling that file alone.
+    """Replaces diagnostics that point into a sub-model's file by those of compiling that file
+    alone.
 
-    These use the names of that file instead of full names; a note shows where the sub-model is
-    used.
+    These use the names of that file instead of full names; a note shows where `spec` uses the
+    sub-model. `used` has the parsed files of sub-models by name, `numbers` the contents of files of
+    initial values by path.
     """
     broken: dict[str, tuple[Diagnostic, ...]] = {}
     for name, file in used.items():
@@ -230,7 +244,9 @@ def in_own_files(
 def logged_signals(
     context: Context, ranges: Mapping[str, tuple[float, float]]
 ) -> tuple[Signal, ...]:
-    """The inputs and targets of a lowered spec, and the states whose logs are read."""
+    """The signals of the program: the inputs and targets of the spec, and as targets the states
+    whose logs are read. `ranges` has their declared ranges.
+    """
     declared = [
         *((Role.INPUT, name, entry) for name, entry in context.spec.inputs.items()),
         *((Role.TARGET, name, entry) for name, entry in _targets(context)),
@@ -252,8 +268,8 @@ def logged_signals(
 
 
 def measured_targets(spec: Spec) -> set[str]:
-    """The signals that `validate` entries name under `target:`: inputs, targets or logs of
-    states.
+    """The names of the signals that `validate` entries give as `target:`: inputs, targets or states
+    whose logs are read.
     """
     names: set[str] = set()
     for check in spec.checks:
@@ -270,7 +286,7 @@ def measured_targets(spec: Spec) -> set[str]:
 
 
 def _targets(context: Context) -> list[tuple[str, SignalEntry]]:
-    """The targets; those of sub-models only if something reads them (R11)."""
+    """The entries of `targets:` by name; those of sub-models only if something reads them (R11)."""
     return [
         (name, entry)
         for name, entry in context.spec.targets.items()
@@ -279,7 +295,9 @@ def _targets(context: Context) -> list[tuple[str, SignalEntry]]:
 
 
 def formulas_of(spec: Spec) -> tuple[Formula, ...]:
-    """The formulas of all equations, outputs and states of a linked spec, in its order."""
+    """The formulas, as text, of all states, equations and outputs of a linked spec, in
+    its order.
+    """
     written: list[tuple[str, Expression]] = []
     for name, state in spec.states.items():
         if state.der is not None:
@@ -301,7 +319,7 @@ _OTHER_FRAMES = 10_000
 @contextmanager
 def room_for(entries: int) -> Generator[None]:
     """A context manager that raises Python's recursion limit for a chain of `entries` equations,
-    each reading the next.
+    each of which reads the next.
 
     Python frames are on the heap, a few hundred bytes each, and the size of a spec is limited.
     """
@@ -317,7 +335,8 @@ _WHY_UNCHECKED = "it meets a value without unit, and formulas convert nothing"
 
 
 def report_unchecked_scales(context: Context, states: Iterable[State]) -> None:
-    """Reports scaled quantities (`300 uH`) that a formula combines with values of unknown unit.
+    """Reports quantities with a scaled unit (`300 uH`) that a formula combines with values of
+    unknown unit.
 
     There the unit check cannot find a wrong scale. `{init: 300, unit: uH}` states the 300
     explicitly, so it is not reported. A state of unknown unit accepts any unit.
@@ -345,8 +364,8 @@ def report_unchecked_scales(context: Context, states: Iterable[State]) -> None:
 
 
 def _scaled_quantities(context: Context) -> dict[str, Quantity]:
-    """Parameters and constants that are written as a number with a scaled unit, such as `300
-    uH`.
+    """The parameters and constants, by name, whose value is written as a number with a scaled unit,
+    such as `300 uH`. Raises LoweringFailed after reporting a value that is no scalar.
     """
     found: dict[str, Quantity] = {}
     for name, entry in {**context.spec.parameters, **context.spec.constants}.items():
@@ -366,7 +385,9 @@ def _scaled_quantities(context: Context) -> dict[str, Quantity]:
 
 
 def _stands_behind(unit: Located[Unit], value: Span) -> bool:
-    """True if the unit was written after the number (`300 uH`), not as `unit: uH`."""
+    """True if the unit is written after the number, as in `300 uH`, and not as a key `unit: uH`.
+    `value` is the place of the number.
+    """
     key, first, last = (
         (span.line, span.column) for span in (unit.key or unit.span, value, unit.span)
     )
@@ -374,7 +395,8 @@ def _stands_behind(unit: Located[Unit], value: Span) -> bool:
 
 
 def _unchecked_by_node(graph: Graph, written: Mapping[str, Quantity]) -> list[frozenset[str]]:
-    """For each node, the quantities that its value depends on while its unit is scaled.
+    """For each node, the names of the quantities in `written` on which its value depends while its
+    unit is scaled.
 
     A sum with another value of known unit, such as `max(level, 0.1 cm)`, confirms the scale.
     """
@@ -398,9 +420,9 @@ def _unchecked_by_node(graph: Graph, written: Mapping[str, Quantity]) -> list[fr
 
 
 def _meets_unknown(context: Context, graph: Graph, node: Node) -> bool:
-    """True if another operand has no unit.
+    """True if the node has several operands, and one of them has an unknown unit.
 
-    Learned weights of a layer fit any scale and do not count.
+    Learned weights of a layer fit any scale and do not count, nor does 0.
     """
     for arg in node.args if len(node.args) > 1 else ():
         operand = graph[graph.unrepeated(arg)]

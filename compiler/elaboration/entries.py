@@ -1,4 +1,4 @@
-"""Lowers what a spec names: constants, functions, equations, outputs, connected inputs."""
+"""Lowers equations, outputs, constants, calls of functions, and connected inputs to nodes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ from spec_schema.sections.values import Constant, Function
 
 
 class Entries:
-    """The lowered equations and outputs of a context."""
+    """The equations and outputs of one compilation, each lowered once per time and integrator
+    stage. `variables` are the names by which some `grad` differentiates.
+    """
 
     def __init__(self, context: Context, histories: Histories, variables: frozenset[str]) -> None:
         self._context = context
@@ -51,10 +53,12 @@ class Entries:
     def value(
         self, name: str, entry: Equation | Output, environment: Environment, span: Span
     ) -> NodeId:
-        """The value of an equation or output, lowered once per time and stage.
+        """The node of an equation or output in an environment, lowered once per time and stage.
+        `span` is the place that reads it.
 
         At a time other than t, every signal in it is read at that time (R1). If that is impossible,
-        since it depends on a state or on itself, a buffer stores its past values.
+        since it depends on a state or on itself, a buffer stores its past values. Raises
+        LoweringFailed after reporting a mistake.
         """
         own = environment.of_entry()
         stage = own.stage
@@ -77,13 +81,15 @@ class Entries:
         return self._lowered(name, entry, own, span)
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
-        """The nodes of an equation or output that exist already, each with its time (shift and
-        window).
+        """The nodes to which the equation or output `name` has been lowered so far, outside
+        integrator stages, each with its time (shift and window).
         """
         return self._lowerings.get((name, environment.of_entry().part), ())
 
     def types(self) -> dict[str, Type]:
-        """The type of one sample of each equation and output that the step computes."""
+        """The type of one sample of each equation and output that has been lowered into the step,
+        by name.
+        """
         types: dict[str, Type] = {}
         for (name, part, (_, window), _), node in self._entries.items():
             if part is not EnvironmentPart.STEP or node is None:
@@ -97,8 +103,8 @@ class Entries:
         return types
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node that `lower_it` returns, or None if it raises LoweringFailed. Then nothing is
-        reported or stored.
+        """The node that `lower_it` returns. None if it raises LoweringFailed; then its reports are
+        removed, and nothing counts as failed.
         """
         mark, loops = self._context.findings.mark(), len(self._loops)
         known = len(self._entries)
@@ -152,8 +158,8 @@ class Entries:
 
 
 def _has_own_past(entry: Equation | Output) -> bool:
-    """True if `history:` or the log gives the past before the start, so it is not evaluated
-    (R5).
+    """True if the values before t0 come from `history:`, or for a predicting output from the log,
+    instead of evaluating the formula (R5).
     """
     return entry.history is not None or (isinstance(entry, Output) and entry.predicts is not None)
 
@@ -161,7 +167,9 @@ def _has_own_past(entry: Equation | Output) -> bool:
 def _agree_on_unit(
     context: Context, builder: GraphBuilder, node: NodeId, name: str, entry: Equation | Output
 ) -> None:
-    """Gives a value the declared unit and its spelling; reports a derived unit that differs."""
+    """Gives the node of an entry the declared unit, in its spelling, if its own is unknown or
+    equal. Reports a different one.
+    """
     if entry.unit is None:
         return
     found = builder.type(node).unit
@@ -175,7 +183,7 @@ def _agree_on_unit(
 
 
 class Constants:
-    """The entries of `constants:`."""
+    """The values of the entries of `constants:`, each evaluated at its first use."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -184,7 +192,9 @@ class Constants:
         """Constants being evaluated; meeting one of them again is a circular definition."""
 
     def value(self, name: str, entry: Constant) -> NamedArray:
-        """The value of a `constants:` entry. Raises LoweringFailed if it has a mistake."""
+        """The value of a `constants:` entry, with axes and unit. Raises LoweringFailed if it has a
+        mistake, which is reported once.
+        """
         if name in self._active:
             circle = (*self._active[self._active.index(name) :], name)
             self._context.findings.report(names.circular_constant(circle, entry.value.span))
@@ -224,7 +234,9 @@ class Constants:
 def inlined(
     context: Context, name: str, function: Function, call: Call, environment: Environment
 ) -> NodeId:
-    """The value of a function's formula with the arguments of the call."""
+    """The node of a call of a function of the spec: its formula with the arguments of the call.
+    Reports wrong arguments or a recursive function and raises LoweringFailed.
+    """
     expressions = _arguments(context, name, function, call)
     # inlining a recursive function would not terminate
     if name in environment.functions:
@@ -240,7 +252,10 @@ def inlined(
 def argument_value(
     context: Context, argument: FunctionArgument, environment: Environment
 ) -> NodeId:
-    """The value of an argument at the time of its use, with the names of the place of the call."""
+    """The node of an argument of a function of the spec, at the time at which the formula uses it.
+    Its names have the meaning that they have at the call. Raises LoweringFailed after reporting a
+    mistake.
+    """
     # the time suffices as key: part, stage and outer arguments are those of the call
     known = argument.lowered.get(environment.time)
     if known is None:
@@ -252,7 +267,10 @@ def argument_value(
 def _arguments(
     context: Context, name: str, function: Function, call: Call
 ) -> dict[str, Expression]:
-    """The expression of each argument, by name; arguments may be positional or keywords."""
+    """The expression of each argument of a call, by the parameter names of the function. Arguments
+    may be positional or keywords. Reports missing, unknown or surplus ones and raises
+    LoweringFailed.
+    """
     parameters = tuple(argument.value for argument in function.args)
     arguments: dict[str, Expression] = dict(zip(parameters, call.arguments, strict=False))
     for keyword in call.keywords:
@@ -279,9 +297,11 @@ def fitted_to_input(
     entry: Connected,
     environment: Environment,
 ) -> NodeId:
-    """The value with exactly the axes of the input; it is repeated along missing axes.
+    """The value `node` of a connection, with exactly the axes of the input `name`, and its unit; it
+    is repeated along missing axes.
 
-    Diagnostics about axes or units show both places, which are in two files.
+    Other axes are reported and raise LoweringFailed; another unit is reported. Both diagnostics
+    show the connection and the declaration of the input, which are in two files.
     """
     signal = entry.feeds
     declaration = signal.place.key

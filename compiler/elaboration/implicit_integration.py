@@ -1,4 +1,6 @@
-"""Takes implicit steps of integrators, in all of a right-hand side or in one equation of it."""
+"""Implicit steps of integrators: implicit in all states, or only through one equation, such as
+friction.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +35,12 @@ def felt_state(
     stage: Environment,
     slope: Callable[[str], NodeId],
 ) -> tuple[str, NodeId]:
-    """Returns the name of the state whose derivative reads the equation, and the equation's value.
+    """For the implicit integration of the equation `of`: returns the name of the state whose
+    derivative reads the equation, and the node of the equation.
 
-    `values` are the states of `owner`; `slope(name)` returns the derivative of a state. Exactly one
-    state must both affect the equation and be affected by it; otherwise it reports and raises
-    LoweringFailed.
+    `values` are the nodes of the states of `owner` at the integrator stage `stage`; `slope(name)`
+    returns that of a state's derivative. Exactly one state must both affect the equation and be
+    affected by it; otherwise it reports and raises LoweringFailed.
     """
     builder = context.builder(STEP)
     full = f"{owner}.{of.value}" if owner else of.value
@@ -70,7 +73,7 @@ def _refuse(context: Context, of: Located[str], problem: str, repair: str) -> No
 
 
 def _depends(builder: GraphBuilder, value: NodeId, on: NodeId) -> bool:
-    """True if `value` depends on `on`."""
+    """True if the node `value` depends on the node `on`."""
     return needed(builder.graph(), (value,))[on]
 
 
@@ -79,7 +82,9 @@ _SECOND = parse_unit("s")
 
 @dataclass(frozen=True)
 class ImplicitPart:
-    """A state x, its derivative f (`slope`), and the equation τ that f depends on."""
+    """The nodes of a state x (`value`), its derivative f (`slope`), and the equation τ(x) that f
+    depends on, which is integrated implicitly.
+    """
 
     builder: GraphBuilder
     value: NodeId
@@ -87,10 +92,11 @@ class ImplicitPart:
     equation: NodeId
 
     def increment(self, step: float, solved_calls: Mapping[NodeId, SolvedCall]) -> NodeId:
-        """Returns Δ for a step of `step` seconds.
+        """The node of the increment Δ of x in a step of h = `step` seconds: (I − h ∂f/∂τ ∂τ/∂x) Δ =
+        h f.
 
-        If f is M⁻¹ (u − b), as the forward dynamics of a robot with torque τ, it solves
-        (M − h ∂u/∂τ ∂τ/∂x) Δ instead.
+        If f is M⁻¹ (u − b), as the forward dynamics of a robot with torque u, it solves (M − h
+        ∂u/∂τ ∂τ/∂x) Δ = h (u − b) instead. `solved_calls` has such f by their nodes.
         """
         builder = self.builder
         h = builder.constant(step, unit=_SECOND)
@@ -127,7 +133,9 @@ class ImplicitPart:
 
 
 def _diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId:
-    """∂valueᵢ/∂onᵢ, with the axes of both."""
+    """The node of the derivatives ∂valueᵢ/∂onᵢ, element by element, with the axes of `on`; other
+    elements of the Jacobian are ignored.
+    """
     whole = _only_diagonal(builder, value, on)
     if whole is not None:
         return whole
@@ -140,8 +148,8 @@ def _diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId:
 
 
 def _only_diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId | None:
-    """∂valueᵢ/∂onᵢ like `_diagonal`, by one gradient; None if other elements of the Jacobian are
-    nonzero.
+    """The node of ∂valueᵢ/∂onᵢ, element by element, by one gradient. None if a Jacobian element
+    outside the diagonal is not a structural zero, or if `value` does not depend on `on`.
     """
     rows = [row[0] for row in element_gradients(builder, value, [on])]
     nonzero = nonzero_elements(builder.graph(), [row for row in rows if row is not None])
@@ -153,7 +161,7 @@ def _only_diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId |
 
 
 def _joined(builder: GraphBuilder, numbers: list[NodeId], like: NodeId) -> NodeId:
-    """Combines scalars, in C order, to a value with the axes of `like`."""
+    """Combines the scalar nodes `numbers`, in C order, to one node with the axes of `like`."""
     parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in numbers]
     joined = builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
     return builder.reshape(joined, builder.type(like).axes)
@@ -166,8 +174,8 @@ Row = dict[int, NodeId]
 def increments(
     builder: GraphBuilder, values: Mapping[str, NodeId], slopes: Mapping[str, NodeId], step: float
 ) -> dict[str, NodeId]:
-    """Δ of each state: (I − h J) Δ = h f with the derivatives f (`slopes`) and J = ∂f/∂x at
-    `values`.
+    """The node of the increment Δ of each state in a step of h = `step` seconds: (I − h J) Δ = h f,
+    with the derivatives f (`slopes`) and J = ∂f/∂x at the states x = `values`.
 
     Gaussian elimination without pivoting. No pivot is near 0 while h J is small compared with I. If
     J is diagonally dominant and stable, all pivots are at least 1 for any h. Structural zeros cost
@@ -197,7 +205,7 @@ def increments(
 
 
 def scalar_of(builder: GraphBuilder, value: NodeId, index: int) -> NodeId:
-    """One element of a value; `index` counts in C order."""
+    """The node of one element of a value; `index` counts in C order."""
     flat = builder.reshape(value, (Axis(UNNAMED, builder.type(value).size),))
     return builder.element(flat, UNNAMED, index)
 
@@ -205,8 +213,8 @@ def scalar_of(builder: GraphBuilder, value: NodeId, index: int) -> NodeId:
 def _rows(
     builder: GraphBuilder, number: int, slope: NodeId, values: Mapping[str, NodeId], h: NodeId
 ) -> list[Row]:
-    """The rows of I − h J for the elements of one derivative; `number` is the index of the first
-    row.
+    """The rows of I − h J for the elements of the derivative `slope` of one state, with J the
+    derivatives by all states `values`. `number` is the index of the first row.
     """
     rows: list[Row] = []
     jacobian = element_gradients(builder, slope, list(values.values()))
@@ -227,9 +235,8 @@ def _rows(
 
 
 def solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> list[NodeId]:
-    """Solves A x = b by Gaussian elimination and back substitution; returns x.
-
-    It modifies `matrix` and `right`.
+    """Solves A x = b by Gaussian elimination without pivoting and back substitution; returns the
+    nodes of x. A is `matrix`, a list of rows, b is `right`; both are modified.
     """
     size = len(matrix)
     for k in range(size):
@@ -254,7 +261,7 @@ def solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> lis
 
 
 def difference(builder: GraphBuilder, left: NodeId | None, right: NodeId) -> NodeId:
-    """left − right; a structurally zero `left` has no node."""
+    """The node of left − right; None as `left` means a structural zero."""
     return builder.negate(right) if left is None else builder.subtract(left, right)
 
 

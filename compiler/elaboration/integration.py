@@ -1,4 +1,4 @@
-"""Integrates the continuous states of a model jointly over one sample time (R6)."""
+"""Integrates the continuous states of one spec together over one sample time (R6)."""
 
 from __future__ import annotations
 
@@ -45,16 +45,20 @@ LARGEST_SYSTEM = 16
 
 @dataclass(frozen=True)
 class RightHandSide:
-    """The right-hand side of one continuous state and the state's type."""
+    """The right-hand side of the differential equation of one continuous state, and the type of the
+    state.
+    """
 
     expression: Expression
     type: Type
 
 
 def integrated(context: Context, owner: str, integrator: Integrator | None) -> Mapping[str, NodeId]:
-    """The continuous states of one spec after one sample time, computed by its integrator.
+    """The nodes of the continuous states of one spec after one sample time, by name, computed by
+    its integrator; None means the default, Runge-Kutta.
 
-    `owner` is the sub-model that has the spec, "" for the model itself.
+    `owner` is the sub-model that has the spec, "" for the model itself. Raises LoweringFailed after
+    reporting a mistake.
     """
     vector_field = {
         name: RightHandSide(entry.der, context.type_of(entry))
@@ -98,7 +102,7 @@ def _check_size(context: Context, vector_field: Mapping[str, RightHandSide], pla
 
 @dataclass(frozen=True, kw_only=True)
 class _Steps:
-    """One step of x' = f(x, τ) with length h = `step_length`, by each integration method.
+    """One step of x' = f(x, τ) of length h = `step_length` in seconds, by each integration method.
 
     τ is the elapsed fraction of the sample time; inputs may change with it.
     """
@@ -132,9 +136,10 @@ class _Steps:
                 assert_never(method)
 
     def name(self, values: Values, suffix: str) -> None:
-        """Names intermediate values for generated code: `x_1`, `x_for_k2`.
+        """Sets labels of intermediate values of states for generated code, such as `x_1` and
+        `x_for_k2`; `suffix` is the part after `x_`.
 
-        If the name collides with a name of the spec, `_inside` is appended.
+        If a label collides with a name of the spec, `_inside` is appended.
         """
         builder = self.context.builder(STEP)
         of_spec = {name.replace(".", "_") for name in self.context.scope}
@@ -145,7 +150,8 @@ class _Steps:
             builder.name(node, label)
 
     def _semi_implicit(self, values: Values) -> Values:
-        """xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ … xₙ, τ), in the order of `states:`; order 1.
+        """The states after a semi-implicit Euler step from x = `values`: xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ
+        … xₙ, τ), in the order of `states:`, with x⁺ the new values; order 1.
 
         For a position and a velocity this is the symplectic Euler method, in either order (Hairer,
         Lubich, Wanner: Geometric Numerical Integration, 2006, I.1.2, equation 1.9).
@@ -158,12 +164,12 @@ class _Steps:
         return moved
 
     def _linear_implicit(self, values: Values) -> Values:
-        """x + Δ with (I − h J) Δ = h f(x, τ), J = ∂f/∂x at x and τ, the end; order 1, L-stable.
+        """The states after a linearly implicit Euler step from x = `values`: x + Δ with (I − h J) Δ
+        = h f(x, τ) and J = ∂f/∂x at x and at τ, the end of the step; order 1, L-stable.
 
-        The linearly implicit Euler method (Hairer, Wanner: Solving Ordinary Differential Equations
-        II, 1996, IV.7, s = 1 and γ = 1). Time-dependent terms are evaluated at the end of the step,
-        as in the implicit Euler method, so that a stiff state follows its input. (7.4a) adds h²
-        ∂f/∂t instead.
+        The method is Hairer, Wanner: Solving Ordinary Differential Equations II, 1996, IV.7, with s
+        = 1 and γ = 1. Time-dependent terms are evaluated at the end of the step, as in the implicit
+        Euler method, so that a stiff state follows its input. (7.4a) adds h² ∂f/∂t instead.
         """
         from compiler.elaboration.implicit_integration import (
             increments,  # most methods are explicit
@@ -178,10 +184,11 @@ class _Steps:
         return moved
 
     def _implicit_in(self, of: Located[str], values: Values) -> Values:
-        """Steps the state that depends on the equation implicitly; the others by semi-implicit
-        Euler.
+        """The states after a step that is implicit through the equation `of`: the state whose
+        derivative reads the equation first, then the others by semi-implicit Euler.
 
-        The other states use its new value: a position moves with the new velocity.
+        The other states use its new value: a position moves with the new velocity. Raises
+        LoweringFailed after reporting an unsuitable equation.
         """
         # most methods are explicit
         from compiler.elaboration.implicit_integration import ImplicitPart, felt_state
@@ -208,7 +215,9 @@ class _Steps:
         return moved
 
     def _runge_kutta(self, values: Values) -> Values:
-        """x + h/6 · (k₁ + 2(k₂ + k₃) + k₄), the classical method (Kutta 1901)."""
+        """The states after a step of the classical Runge-Kutta method from x = `values`: x + h/6 ·
+        (k₁ + 2(k₂ + k₃) + k₄), with the derivatives k₁ … k₄ (Kutta 1901).
+        """
         builder = self.context.builder(STEP)
         h = self.step_length
         k1 = self._slopes(values, self.begin)
@@ -224,7 +233,9 @@ class _Steps:
         return self._moved(values, total, h / 6)
 
     def _point(self, slope: str, values: Values, slopes: Values, length: float) -> Values:
-        """values + length · slopes: the point at which the next derivative is evaluated."""
+        """The point `values + length · slopes` of all states, at which the derivative called
+        `slope` is evaluated, such as k2. Labels it for generated code.
+        """
         moved = self._moved(values, slopes, length)
         self.name(moved, f"for_{slope}")
         return moved
@@ -234,14 +245,17 @@ class _Steps:
         return (self.begin + self.end) / 2
 
     def _stage(self, values: Values, fraction: Fraction) -> Environment:
-        """The environment in which right-hand sides are evaluated at these states and that time."""
+        """The environment in which right-hand sides are evaluated, with the states `values` and at
+        this fraction of the sample time.
+        """
         stage = IntegratorStage(values, fraction, self.owner)
         return Environment(EnvironmentPart.STEP, stage=stage)
 
     def _slopes(self, values: Values, fraction: Fraction) -> Values:
-        """f(x, τ).
+        """The nodes of the derivatives f(x, τ) by state, at x = `values` and τ = `fraction`.
 
-        Memoryless equations between states and `der` are evaluated again at each stage.
+        Equations without memory that a right-hand side reads are evaluated again at each stage.
+        Raises LoweringFailed after reporting the mistakes of all right-hand sides.
         """
         stage = self._stage(values, fraction)
         slopes: Values = {}
@@ -265,7 +279,9 @@ class _Steps:
         return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, stage)
 
     def _check_rate(self, builder: GraphBuilder, name: str, slope: NodeId) -> None:
-        """Reports a derivative whose unit does not fit its state, if the increment has no unit."""
+        """Reports that the unit of the derivative `slope`, times seconds, does not fit the unit of
+        its state `name`. It is needed where the unit of the increment is unknown.
+        """
         change = product_unit(builder.type(slope).unit, _SECOND)
         _, conflict = addition_unit(self.vector_field[name].type.unit, change)
         if conflict is not None:
@@ -273,7 +289,8 @@ class _Steps:
         report_unit_conflicts(self.context, builder, self.vector_field[name].expression)
 
     def _check_time(self, name: str, rate: Unit | None) -> None:
-        """Reports a rate per another time, such as per hour, of a state without unit.
+        """Reports a derivative in a unit per another time than seconds, such as per hour, of the
+        state `name` if this has no unit. `rate` is the unit of the derivative.
 
         A state with a unit is checked by its sum instead.
         """
@@ -285,7 +302,9 @@ class _Steps:
         self.context.findings.report(found)
 
     def _moved(self, values: Values, slopes: Values, length: float) -> Values:
-        """values + length · slopes."""
+        """The nodes of `values + length · slopes`, state by state; `length` is in seconds. Units
+        that do not fit are reported.
+        """
         builder = self.context.builder(STEP)
         moved: Values = {}
         for name, value in values.items():
@@ -297,7 +316,7 @@ class _Steps:
         return moved
 
     def _sum(self, builder: GraphBuilder, name: str, value: NodeId, change: NodeId) -> NodeId:
-        """value + change; a state without unit also has none at intermediate stages.
+        """The node of value + change for the state `name`; it has no unit if the state has none.
 
         Otherwise the sum would take the unit of `der` times seconds. The next stage would then
         report a conflict with units that the spec does not declare.
@@ -309,7 +328,9 @@ class _Steps:
 
 
 def report_between(context: Context) -> None:
-    """Reports mistakes in `between` of the inputs of a lowered spec."""
+    """Reports mistakes in the option `between` of inputs, which interpolates them between samples,
+    after the spec has been lowered.
+    """
     _report_closed(context)
     if context.findings.failed:
         return
@@ -331,8 +352,8 @@ def report_between(context: Context) -> None:
 
 
 def _report_closed(context: Context) -> None:
-    """Reports interpolated inputs that an output predicts: a closed loop lacks their value at
-    t+1.
+    """Reports interpolated inputs that an output predicts: in a closed loop, their value at t+1 is
+    not known at t.
     """
     for output, entry in context.spec.outputs.items():
         if entry.predicts is None:
@@ -348,7 +369,9 @@ def _report_closed(context: Context) -> None:
 
 
 def _remark_held(context: Context) -> None:
-    """Warns about inputs without `between` in right-hand sides whose parameters are learned."""
+    """Warns about inputs without the option `between` that right-hand sides with learned parameters
+    read between samples.
+    """
     predicted = {o.predicts.signal.value for o in context.spec.outputs.values() if o.predicts}
     open_inputs = {
         name: entry

@@ -1,4 +1,6 @@
-"""Lowers losses: the compared values of each sample and the measure of their error (R9)."""
+"""Lowers losses: the two values that each loss compares in a step, and the measure of their error
+(R9).
+"""
 
 from __future__ import annotations
 
@@ -43,9 +45,11 @@ _COMPARING = {
 
 
 def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
-    """The terms of a `losses:` entry: one under its name, or `NAME.mse`, `NAME.mae`, ….
+    """The terms of a `losses:` entry: a single one with the name of the entry, several with the
+    names `NAME.mse`, `NAME.mae`, ….
 
-    Each term has the weight of the entry, which a stage can replace, and its own share.
+    Each term has the weight of the entry, which a stage can replace, and its own share. Raises
+    LoweringFailed after reporting a mistake.
     """
     terms = terms_of(context, entry.expr)
     rows = None if entry.rows is None else _factor_of_rows(context, name, entry.rows)
@@ -94,7 +98,9 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
 def _check_rows_count(
     context: Context, name: str, rows: Expression, losses: Sequence[Loss]
 ) -> None:
-    """Reports `rows` of a loss none of whose values differs between rows."""
+    """Reports the option `rows` of the loss `name` if no value that its terms `losses` compare
+    differs between rows, and raises LoweringFailed.
+    """
     graph = context.builder(_LOSS).graph()
     values = [loss.prediction for loss in losses]
     values += [loss.target for loss in losses if loss.target is not None]
@@ -110,8 +116,8 @@ def _check_rows_count(
 
 
 def default_loss(context: Context, output: Output) -> Loss:
-    """The loss of a predicting output without `losses:`: the MSE to its target, named as the
-    output.
+    """The loss of an output that predicts a signal, used if the spec has no `losses:`: the mean
+    squared error to the recorded signal. It has the name of the output.
     """
     assert output.predicts is not None
     builder = context.builder(_LOSS)
@@ -162,7 +168,9 @@ def _measured(context: Context, function: str, call: Call) -> tuple[Measure, Nod
 
 
 def _delta(context: Context, function: str, call: Call, prediction: NodeId) -> float:
-    """δ of `huber`: a constant > 0 in the unit of the error; default 1."""
+    """δ of the measure `huber`: a constant above 0 in the unit of the error; 1 by default. Reports
+    any other value, or a unit that does not fit the node `prediction`, and raises LoweringFailed.
+    """
     given = option(call, "delta")
     if given is None:
         return 1.0
@@ -183,7 +191,9 @@ def _delta(context: Context, function: str, call: Call, prediction: NodeId) -> f
 
 
 def _factor_of_rows(context: Context, name: str, expression: Expression) -> NodeId:
-    """The weight of each row: a scalar that depends on recorded data only."""
+    """The node of the weight of each row of the loss `name`: a scalar that depends on recorded data
+    only. Reports anything else and raises LoweringFailed.
+    """
     builder = context.builder(_LOSS)
     node = lower(context, expression, _LOSS)
     axes = builder.type(node).axes
@@ -204,7 +214,7 @@ def _factor_of_rows(context: Context, name: str, expression: Expression) -> Node
 
 
 def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[NodeId, NodeId]:
-    """The pair (prediction, target), swapped if only the first value is recorded.
+    """The pair (prediction, target), exchanged if only the first value is recorded.
 
     A NaN of the target means "not recorded" and excludes the sample. All measures are symmetric. If
     both values are simulated, the prediction is their difference and the target 0.
@@ -221,7 +231,9 @@ def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[
 
 @dataclass(frozen=True)
 class CostTerm:
-    """`share` times a measure, or times an expression that is a cost itself."""
+    """A term of a loss: `share` times the measure `function`, or times the expression itself if it
+    is a cost without measure.
+    """
 
     share: float
     expression: Expression
@@ -230,7 +242,8 @@ class CostTerm:
 
 
 def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
-    """Splits a loss into its terms. Reports any other arithmetic and raises LoweringFailed.
+    """Splits the expression of a loss into its terms. Reports any other arithmetic and raises
+    LoweringFailed.
 
     `mse(a, b) + 0.1 * mae(c) / 2` has the terms 1 · mse(a, b) and 0.05 · mae(c). An expression
     without a measure is a single cost.
@@ -290,7 +303,9 @@ def _scaled(context: Context, factor: float, terms: list[CostTerm]) -> list[Cost
 
 
 def _measure_in(context: Context, expression: Expression) -> Call | None:
-    """The first call of a measure in an expression, or None."""
+    """The first call of a measure (such as `mse`) or penalty in an expression; None if there is
+    none.
+    """
     match expression:
         case Call(function=Name(name=name)) as call if (
             name in LOSS_FUNCTIONS and name not in context.scope
@@ -315,11 +330,11 @@ _WORDS_OF_AXES = {WINDOW: "samples", UNNAMED: "elements"}
 
 
 def lower_penalty(context: Context, function: str, call: Call) -> tuple[NodeId, Penalty | None]:
-    """The cost, and the penalised array if a proximal step can set its elements or slices to
-    exactly 0.
+    """The node of the cost of a penalty, `function` being `l1`, `l2` or `group`. Also the penalised
+    array, if a proximal step can set its elements or slices to exactly 0, else None.
 
-    l1: |x| and l2: x² of each element; their mean counts. group(A, over=d): Σ over d of the
-    Euclidean norm of each slice (Yuan, Lin 2006).
+    l1: |x| and l2: x² of each element, which are averaged. group(A, over=d): the sum over d of the
+    Euclidean norm of each slice (Yuan, Lin 2006). Raises LoweringFailed after reporting a mistake.
     """
     builder = context.builder(_LOSS)
     value = lower(context, call.arguments[0], _LOSS)
@@ -348,7 +363,8 @@ def lower_penalty(context: Context, function: str, call: Call) -> tuple[NodeId, 
 def checked_penalties(
     losses: Sequence[Loss], parameters: Sequence[Parameter], findings: Findings
 ) -> list[Loss]:
-    """The losses, with penalties only where a proximal step is possible.
+    """The losses; a penalty remains one only if a proximal step is possible. `parameters` are those
+    of the program.
 
     An l1 penalty of a bounded or fixed array becomes a plain loss. Reports E0967 for `group` of an
     array that has bounds or does not learn, E0968 for several groups of one array.
@@ -393,12 +409,13 @@ def _penalised_axis(context: Context, call: Call, axes: tuple[Axis, ...]) -> str
 def lower_cross_entropy(
     context: Context, call: Call, environment: Environment
 ) -> tuple[NodeId, NodeId]:
-    """−Σᵢ pᵢ log softmax(z)ᵢ = log Σᵢ exp(zᵢ − m) + Σᵢ pᵢ (m − zᵢ), m = max z, Σᵢ pᵢ = 1.
+    """The cross entropy −Σᵢ pᵢ log softmax(z)ᵢ = log Σᵢ exp(zᵢ − m) + Σᵢ pᵢ (m − zᵢ), with m = max
+    z and Σᵢ pᵢ = 1. Returns the nodes of the cost and of a mark.
 
     z are the logits, before any softmax, along their last axis other than the window. The target is
-    either p along the same axis, or, without that axis, the index of the class from 0. Returns the
-    cost and a mark per sample: NaN for a missing target, the target itself if it is not a class,
-    else 0.
+    either p along the same axis, or, without that axis, the index of the class from 0. The mark of
+    a sample is NaN for a missing target, the target itself if it is not a class, else 0. Reports
+    other axes and raises LoweringFailed.
     """
     builder = context.builder(environment)
     logits, target = lower_all(context, call.arguments, environment)
@@ -428,8 +445,8 @@ def lower_cross_entropy(
 def _class_shares(
     builder: GraphBuilder, target: NodeId, axes: tuple[Axis, ...], classes: Axis
 ) -> tuple[NodeId, NodeId]:
-    """p with the axes of the logits, 0 where it is missing; and the mark of samples without
-    class.
+    """The nodes of p, with the axes of the logits and 0 where the target is missing, and of the
+    mark that `lower_cross_entropy` returns. `classes` is the axis of the classes.
     """
     zero = builder.constant(0.0)
     missing = builder.multiply(zero, target)  # NaN stays NaN

@@ -1,4 +1,6 @@
-"""Lowers every entry of a spec, repeatedly until the lengths of its buffers converge."""
+"""Lowers every entry of a spec. This is repeated until the lengths of the buffers no
+longer change.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ from spec_schema.sections.spec import Spec
 
 @dataclass(frozen=True, kw_only=True)
 class LoweredSpec:
-    """All entries of a spec as nodes of the graphs."""
+    """All entries of a spec after lowering: outputs, states, losses, ranges and expected ranges.
+    Their nodes are in the graphs of `elaborated`.
+    """
 
     elaborated: Elaboration
     outputs: list[Output]
@@ -55,11 +59,13 @@ repetition settles one equation."""
 
 
 def lower_spec(linked: Linked, draw: int) -> LoweredSpec:
-    """Lowers all entries of a spec, again and again until the buffers found equal those assumed.
+    """Lowers all entries of a linked spec, again and again until the buffers that it needs equal
+    those that it assumed.
 
     `draw` selects random initial values. Buffer lengths, and axes of equations that read their own
     past, are known only after lowering: a function, layer or sub-model may delay its argument. The
-    same holds for the unit of fuzzy centres that are read before a call of their layer.
+    same holds for the unit of fuzzy centres that are read before a call of their layer. Mistakes
+    are collected in the context's findings.
     """
     variables = gradient_variables(linked.spec) | implicit_equations(linked)
     known = FoundBefore()
@@ -132,7 +138,9 @@ def _outputs(elaborated: Elaboration) -> list[Output]:
 
 
 def exported_equations(spec: Spec) -> dict[str, signals.Equation]:
-    """The equations that an export lists as outputs, in the order of the spec."""
+    """The equations that the section `export:` lists as outputs, by name, in the order of
+    the spec.
+    """
     names = spec.export.named_outputs if spec.export is not None else frozenset[str]()
     return {name: entry for name, entry in spec.equations.items() if name in names}
 
@@ -184,7 +192,9 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
 
 
 def _report_log_reads(context: Context, outputs: list[Output], table: list[State]) -> None:
-    """Reports outputs and their states that read the log: a deployed step has none. Losses may."""
+    """Reports outputs that read the log, directly or through the states `table`: a deployed step
+    has no log. Losses may read it.
+    """
     graph = context.builder(STEP).graph()
     following = {state.name: state.next for state in table}
     _, deployed = needed_over_time(graph, following, [output.node for output in outputs])
@@ -220,7 +230,9 @@ def _losses(context: Context, outputs: list[Output]) -> list[Loss]:
 
 
 def fit_over(context: Context, entry: signals.State) -> int | None:
-    """Number of samples that estimate a state's initial value; see `State.fit_over`."""
+    """Number of first samples of a run from which the initial value of a state is estimated; 0 for
+    the whole run. None if it is not estimated or if the length has a mistake.
+    """
     if entry.init is None or entry.init.fit is None:
         return None
     over = entry.init.fit.over
@@ -233,7 +245,9 @@ def fit_over(context: Context, entry: signals.State) -> int | None:
 
 
 def check_fitted_starts(context: Context, states: Sequence[State], losses: Sequence[Loss]) -> None:
-    """Reports estimated initial values with fewer samples than unknowns, or without a loss."""
+    """Reports estimated initial values of `states` that have fewer samples than unknowns, or no
+    loss in `losses` from which they could be estimated.
+    """
     estimated = [state for state in states if state.fit_over is not None]
     numbers = sum(Type(state.axes).size for state in estimated)
     most = evaluations_that_decide(estimated)
@@ -256,13 +270,15 @@ def check_fitted_starts(context: Context, states: Sequence[State], losses: Seque
 
 
 def _entries_with_loss(context: Context) -> set[str]:
-    """The entries under `losses:`, or the outputs that have a default loss."""
+    """The names of the entries of `losses:`, or without them of the outputs that have a default
+    loss.
+    """
     predicting = {name for name, output in context.spec.outputs.items() if output.predicts}
     return {*context.spec.losses} if context.spec.losses else predicting
 
 
 def gradient_variables(spec: Spec) -> frozenset[str]:
-    """Names of equations and outputs that are the variable x of some `grad(y, x)`.
+    """Names of equations and outputs that are the variable x of some `grad(y, x)` in the spec.
 
     A function may pass x as an argument: `f(e)` with the formula `grad(a**2, a)` has the variable
     e. All formulas are searched, including those of unused functions.
@@ -297,8 +313,8 @@ def gradient_variables(spec: Spec) -> frozenset[str]:
 
 
 def implicit_equations(linked: Linked) -> frozenset[str]:
-    """The equations that an implicit integrator treats implicitly: `linear_implicit: {of:
-    NAME}`.
+    """Full names of the equations that an integrator treats implicitly: those of `linear_implicit:
+    {of: NAME}`.
     """
     found: set[str] = set()
     for owner, integrator in linked.integrators.items():
@@ -317,14 +333,16 @@ def _named_arguments(call: Call, wanted: list[str]) -> Iterator[tuple[str, Expre
 
 
 def _variable(expression: Expression, arguments: Mapping[str, str]) -> str:
-    """The name behind a bare name, looked up in the arguments; "" for any other expression."""
+    """The name that an expression consists of; for an argument of a function, the name in
+    `arguments` that was passed for it. "" for any other expression.
+    """
     if not isinstance(expression, Name):
         return ""
     return arguments.get(expression.name, expression.name)
 
 
 def needed_submodels(spec: Spec, expression: Expression) -> tuple[str, ...]:
-    """The sub-models that an expression of the model depends on without a delay.
+    """Names of the sub-models on which an expression of the model depends in the same step.
 
     Reading a parameter or a layer of a sub-model does not count: a controller may share them.
     """
@@ -355,9 +373,10 @@ _EXPECTED_IN_USE = frozenset(
 
 
 def lower_unused(elaborated: Elaboration) -> None:
-    """Lowers unused entries, so that their mistakes are reported.
+    """Lowers entries that nothing uses, so that their mistakes are reported, too; `elaborated` is
+    the lowering of the others.
 
-    For sub-models only equations are lowered; their own files report the rest.
+    For sub-models only equations are lowered; compiling their own files reports the rest.
     """
     context = elaborated.context
     for name, entry in context.spec.equations.items():
@@ -381,7 +400,9 @@ def lower_unused(elaborated: Elaboration) -> None:
 
 
 def _report_unread(elaborated: Elaboration) -> None:
-    """Reports name errors in arguments that the formula of the called function does not use."""
+    """Reports unknown names in arguments of calls that the formula of the called function does not
+    use.
+    """
     apart = elaborated.afresh(FoundBefore())
     for argument in elaborated.context.unread:
         there = argument.environment
@@ -393,7 +414,7 @@ def _report_unread(elaborated: Elaboration) -> None:
 
 
 def _report_parameters(elaborated: Elaboration) -> None:
-    """Reports errors in parameters that nothing uses."""
+    """Reports mistakes in parameters that nothing uses."""
     context = elaborated.context
     unused = {
         name: entry
@@ -422,7 +443,7 @@ _OF_AXES = frozenset({"E0401", "E0402", "E0403", "E0404", "E0406", "E0407", "E04
 
 
 def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
-    """Reports the errors of a layer that do not depend on its arguments."""
+    """Reports the mistakes of an unused layer that do not depend on its arguments."""
     found = _found_by_calling(elaborated, name, 1)
     if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
         found = _found_by_calling(elaborated, name, 2)
@@ -432,9 +453,9 @@ def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
 
 
 def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Diagnostic]:
-    """The errors of a call with zeros, which fit every unit.
+    """The errors of a call of `name` with `count` zeros, which fit every unit.
 
-    The call is lowered in separate graphs, so that its nodes, arrays and memories do not remain. If
+    The call is lowered in separate graphs, so that its nodes, arrays and states do not remain. If
     it reads the past, it is lowered once more with its buffers, to check how they are initialised.
     """
     zeros = tuple(Number(0.0, _NOWHERE) for _ in range(count))
@@ -460,7 +481,7 @@ def _lowered_alone(elaborated: Elaboration, call: Call, known: FoundBefore) -> E
 
 
 def report_unused(context: Context) -> None:
-    """Warns about entries that nothing refers to."""
+    """Warns about entries of the model, not of sub-models, that nothing refers to."""
     for name, declared in context.scope.items():
         # entries of sub-models may be unused here
         expected = declared.kind in _EXPECTED_IN_USE and not owner_of(name)

@@ -1,4 +1,6 @@
-"""Gives every name of a spec its nodes, each entry lowered once for each way it is used."""
+"""Looks up every name and call of a spec and returns its node; lowers each entry once for each time
+at which it is read.
+"""
 
 from __future__ import annotations
 
@@ -44,15 +46,15 @@ _SECOND = parse_unit("s")
 
 
 class Elaboration:
-    """One compilation of a spec: looks up every name (`Names`) and collects the nodes, states and
-    findings.
+    """One lowering of a spec. It implements the protocol `Names`: it returns the nodes of names and
+    calls, and collects nodes, states and findings.
     """
 
     def __init__(
         self, linked: Linked, variables: frozenset[str], known: FoundBefore, draw: int = 0
     ) -> None:
-        """`variables` are names by which some `grad` differentiates; `known` are results of the
-        previous lowering.
+        """`variables` are the names by which some `grad` differentiates; `known` are results of the
+        previous lowering, `draw` selects random initial values of the spec `linked`.
         """
         self._linked, self._variables, self._draw = linked, variables, draw
         findings = Findings()
@@ -76,17 +78,21 @@ class Elaboration:
         self.entries = Entries(self.context, self.histories, variables)
 
     def afresh(self, known: FoundBefore) -> Elaboration:
-        """A new compilation of the same spec with empty graphs, for attempts that may fail."""
+        """A new lowering of the same spec with empty graphs and findings, for attempts that may
+        fail. It assumes the buffers and units `known`.
+        """
         return Elaboration(self._linked, self._variables, known, self._draw)
 
     def found(self) -> FoundBefore:
-        """Buffer lengths and units that this lowering found, as input of the next one."""
+        """The buffer lengths and units that this lowering needs; the next lowering assumes them."""
         return FoundBefore(self.histories.found(), self.layers.found_units())
 
     # ---- names
 
     def value(self, name: Name, environment: Environment) -> NodeId:
-        """The node of a bare name."""
+        """The node of a name such as `mass` in an environment. Raises LoweringFailed after
+        reporting a mistake.
+        """
         # arguments of a function come first: they hide entries of the spec
         argument = environment.arguments.get(name.name)
         if argument is not None:
@@ -131,8 +137,8 @@ class Elaboration:
     def declared(self, name: str, span: Span, member: str = "") -> Declaration:
         """The declaration of a name, which counts as used from then on.
 
-        `member` is the name after the dot, if any, for the message. Raises LoweringFailed after
-        reporting an unknown name.
+        `member` is the name after a dot, if there is one, for the message. Reports an unknown name
+        and raises LoweringFailed.
         """
         found = self.context.scope.get(name)
         if found is None:
@@ -142,7 +148,10 @@ class Elaboration:
         return found
 
     def member(self, member: Member, environment: Environment) -> NodeId:
-        """`s.meas`: the log of a signal or state, whatever the step sees (R6); `phi.centers`."""
+        """The node of `base.member`: `s.meas` is the log of a signal or state, even if the step
+        simulates it (R6); `phi.centers` is a value of a layer. Raises LoweringFailed after
+        reporting a mistake.
+        """
         # names of members of sub-models have dots: the last one need not be that before `meas`
         base, _, rest = member.base.rpartition(".")
         if member.base not in self.context.scope and base in self.context.scope:  # `x.meas.meas`
@@ -180,7 +189,9 @@ class Elaboration:
     # ---- calls
 
     def call(self, call: Call, environment: Environment) -> NodeId:
-        """The node of a call of a layer, a function of the spec or a builtin."""
+        """The node of a call of a layer, a function of the spec or of a plug-in, or a builtin.
+        Raises LoweringFailed after reporting a mistake.
+        """
         function = call.function
         if isinstance(function, Member):
             part = self._part_of(function)
@@ -237,25 +248,29 @@ class Elaboration:
     # ---- entries
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The node of the right-hand side of a continuous state, its time derivative."""
+        """The node of the time derivative of the continuous state `name`: the right-hand side of
+        its differential equation. Raises LoweringFailed after reporting a mistake.
+        """
         return self.states.derivative(name, entry, span, environment)
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
-        """The nodes of an equation or output that exist already, each with its time (shift and
-        window).
+        """The nodes to which the equation or output `name` has been lowered so far, each with its
+        time (shift and window).
         """
         return self.entries.lowerings(name, environment)
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node that `lower_it` returns, or None if it raises LoweringFailed. Then nothing is
-        reported or stored.
+        """The node that `lower_it` returns. None if it raises LoweringFailed; then its reports are
+        removed, and nothing counts as failed.
         """
         return self.entries.tried(lower_it)
 
     # ---- inside
 
     def _part_of(self, member: Member) -> LinkedPart[object] | None:
-        """The part, such as a robot, that a member or what stands before its dot belongs to."""
+        """The part, such as a robot, of which `member` is a member, directly or through a name
+        within the part (`arm.tip.position`); None if there is none.
+        """
         # `arm.tip.position`: its base is the frame `arm.tip` of the robot `arm`
         for name in (member.base, member.base.rpartition(".")[0]):
             part = self._linked.parts.get(name)
@@ -264,8 +279,8 @@ class Elaboration:
         return None
 
     def _at_a_stage(self, name: str, entry: Signal, environment: Environment) -> NodeId | None:
-        """The value of an input between two samples, at an integrator stage; None if the input is
-        constant there.
+        """The node of an interpolated input at an integrator stage, between two samples; None if
+        the input is constant during the step, or outside of stages.
         """
         stage = environment.stage
         if stage is None or environment.is_elsewhere or not isinstance(entry, Input):
@@ -284,7 +299,10 @@ class Elaboration:
         *,
         logged: bool,
     ) -> NodeId:
-        """The samples of a signal at the environment's time: its log, or what the step sees."""
+        """The node of the samples of a signal at the environment's time: the recorded ones if
+        `logged`, otherwise those that the step sees. Reports a read in a constant and raises
+        LoweringFailed.
+        """
         self._forbid_in_constant(name, span, environment)
         axes = self.context.axes_of(entry)
         first, last = environment.window or (0, 0)
@@ -307,7 +325,9 @@ _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 
 
 def unknown_value(context: Context, name: str, span: Span, member: str) -> Diagnostic:
-    """The diagnostic of an unknown name, or of the part before the dot of a `member`."""
+    """The diagnostic of an unknown name. `member` is the name after a dot that follows it, ""
+    without one.
+    """
     if name in SIGNATURES:
         return names.not_a_value(name, "a builtin", span)
     known = (*context.scope, "dt", *NUMBERS)
@@ -316,7 +336,9 @@ def unknown_value(context: Context, name: str, span: Span, member: str) -> Diagn
 
 
 def unknown_function(context: Context, function: Name, environment: Environment) -> Diagnostic:
-    """The diagnostic of a call of an unknown function."""
+    """The diagnostic of a call of an unknown function; it suggests similar names that can be called
+    in this environment.
+    """
     name = function.name
     callable = [n for n, declared in context.scope.items() if declared.kind in _CALLABLE]
     losses = LOSS_FUNCTIONS if environment.part is EnvironmentPart.LOSS else ()
@@ -331,7 +353,7 @@ def unknown_function(context: Context, function: Name, environment: Environment)
 
 
 def unknown_method(context: Context, function: Member) -> Diagnostic:
-    """The diagnostic of a call after a dot: `np.tanh(…)`."""
+    """The diagnostic of a call of a member that does not exist, such as `np.tanh(…)`."""
     repair = None
     if function.base not in context.scope:
         repair = written_here(function.base, function.name, SIGNATURES)
@@ -346,7 +368,10 @@ def lower_layer(
     call: Call,
     environment: Environment,
 ) -> NodeId:
-    """The node of `NAME(…)`, or of `NAME.member(…)` if this kind of layer has such a member."""
+    """The node of a call `NAME(…)` of the layer `name`, or of `NAME.member(…)` if this kind of
+    layer has such a member. `stores` is the state that all layers share. Raises LoweringFailed
+    after reporting a mistake.
+    """
     settings = entry.chosen()
     rule = rule_of(settings)
     expand = rule.expand
@@ -372,9 +397,11 @@ def member_of_layer(
     entry: Layer,
     environment: Environment,
 ) -> NodeId:
-    """The node of `NAME.value` without a call: a value that this kind of layer defines.
+    """The node of `NAME.value` without a call: a value that this kind of layer defines, such as
+    `phi.centers`. `stores` is the state that all layers share.
 
-    Losses, which are lowered last, can also read a learned array: `NAME.weight`.
+    Losses, which are lowered last, can also read an array of a layer: `NAME.weight`. Reports any
+    other name and raises LoweringFailed.
     """
     settings = entry.chosen()
     rule = rule_of(settings)
@@ -419,7 +446,7 @@ def _context(
 
 
 def rule_of(settings: Entry) -> AnyRule:
-    """The rule for a layer's settings."""
+    """The rule of the kind of layer to which these settings belong."""
     return layers.rule_of(type(settings))
 
 
@@ -428,18 +455,22 @@ M = TypeVar("M")
 
 @dataclass(frozen=True, kw_only=True)
 class PartMembers(Generic[M]):
-    """The members of a kind of parts: `M` is the class of what is read of its file."""
+    """The functions for members of parts of one kind, such as robots; `M` is the class of the data
+    in the part's file.
+    """
 
     call: Callable[[Context, LinkedPart[M], Call, Environment], NodeId]
-    """The node of a call of a member; LoweringFailed once its mistakes are reported."""
+    """Returns the node of a call of a member. Raises LoweringFailed after reporting a mistake."""
     unknown: Callable[[LinkedPart[M], Member], Diagnostic]
-    """The report of a member that is no value by itself, or is not there."""
+    """Returns the diagnostic of a member that does not exist or is no value without a call."""
 
 
 AnyPartMembers: TypeAlias = PartMembers[Any]
 
 
 def members_of(line: PartLine) -> AnyPartMembers:
-    """The members of a line of the registry, imported when a spec has such a part."""
+    """The functions for members of the kind of parts that `line` of the registry lists; their
+    module is imported first.
+    """
     members: AnyPartMembers = line.members.value
     return members

@@ -1,4 +1,6 @@
-"""Defines how a section of a feature, such as `mpc`, takes part in compiling a spec."""
+"""Defines how a section that a feature brings, such as `mpc`, takes part in the compilation of a
+spec.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,11 @@ E = TypeVar("E", bound=Entry)
 
 
 class SectionProblem(Protocol):
-    """The compiled form of a section, such as the optimal control problem of `mpc`."""
+    """The compiled form of a section of a feature, such as the optimal control problem of `mpc`."""
 
     @property
     def program(self) -> Program:
-        """The program that solving the problem runs; `msnn show` lists its inputs too."""
+        """The program that is run to solve the problem; `msnn show` lists its inputs too."""
         ...
 
 
@@ -31,47 +33,54 @@ P = TypeVar("P", bound=SectionProblem)
 
 @dataclass(frozen=True)
 class OtherProgram:
-    """A program that a section needs in addition to that of the model."""
+    """A program that a section needs in addition to the program of the model, and the warnings
+    about it.
+    """
 
     program: Program
-    """With the hash of the model's spec."""
+    """The program, with the hash of the model's spec."""
     findings: tuple[Diagnostic, ...]
     """Warnings about it that the program of the model does not have."""
 
 
 CompileOther: TypeAlias = Callable[[Linked], OtherProgram]
-"""Compiles another linked spec with the options of the model; SpecError if it is wrong."""
+"""Compiles another linked spec with the options of the model. Raises SpecError with its
+mistakes."""
 
 
 @dataclass(frozen=True)
 class CompiledSection(Generic[P]):
-    """The problem of a section, and warnings about the section."""
+    """The compiled form of a section, and warnings about the section."""
 
     problem: P
     warnings: tuple[Diagnostic, ...] = ()
 
 
 def no_names(entry: Entry) -> Iterable[str]:
-    """The names used by a section that does not mark any as used: none."""
+    """Returns no names: the default for sections that do not refer to entries of the spec."""
     del entry
     return ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Section(Generic[E, P]):
-    """A section of a feature: `E` is the class of its keys, `P` that of its problem."""
+    """The functions by which a feature compiles and shows its section: `E` is the class of the
+    section's keys, `P` that of its compiled form.
+    """
 
     compile: Callable[[E, Linked, Program, CompileOther], CompiledSection[P]]
-    """The problem, from the entry, the linked spec and the model's program. SpecError for every
-    mistake of the section."""
+    """Returns the compiled section, from the entry, the linked spec and the model's program. Raises
+    SpecError with every mistake of the section."""
     text: Callable[[P], str]
-    """The tables of `msnn show`."""
+    """Returns the tables that `msnn show` prints for the section."""
     names_used: Callable[[E], Iterable[str]] = no_names
-    """Names of the spec that count as used because the section names them."""
+    """Returns the names of the spec that the section refers to; they count as used."""
 
 
 def problem_of_class(problems: Mapping[str, SectionProblem], kind: type[P]) -> P | None:
-    """The problem of this class; None if there is none."""
+    """The compiled section that is of class `kind`, out of `problems` by key; None if there is
+    none.
+    """
     return next((problem for problem in problems.values() if isinstance(problem, kind)), None)
 
 
@@ -79,7 +88,9 @@ AnySection: TypeAlias = Section[Any, Any]
 
 
 def section_of(line: SectionLine) -> AnySection:
-    """The section of a line of the registry, imported when a spec has it."""
+    """The functions of the section that `line` of the registry lists; their module is imported
+    first. For a plug-in they are wrapped, so that its mistakes raise SpecError (E0230).
+    """
     section: object = line.section.value
     if line in SECTIONS.ours:
         return cast("AnySection", section)

@@ -1,4 +1,4 @@
-"""Lowers states, and buffers past samples of states and equations (R4, R5, R6)."""
+"""Lowers declared states, and adds buffers of past samples of states and equations (R4, R5, R6)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True)
 class Remembered:
-    """The length of a buffer in samples, and the axes of one sample."""
+    """A buffer: its length in samples, and the axes of one sample."""
 
     length: int
     axes: tuple[Axis, ...] = ()
@@ -43,7 +43,7 @@ Buffers = Mapping[str, Remembered]
 
 
 class Histories:
-    """The buffers of one lowering.
+    """The buffers of past samples of states, equations and outputs in one lowering.
 
     The length of a buffer is known only after everything is lowered; so are the axes of an equation
     that reads its own past. `known` is the result of the previous lowering. The compiler repeats
@@ -56,12 +56,16 @@ class Histories:
         self._lengths: dict[str, int] = {}
         self._places: dict[str, Span] = {}
         self._refused: set[str] = set()
-        """Windows whose own past is read, which is reported; they get no buffer."""
+        """Names of values that are windows themselves although their past is read. This is
+        reported; they get no buffer."""
 
     def read(
         self, name: str, entry: State | Equation | Output, span: Span, environment: Environment
     ) -> NodeId:
-        """Samples of a state or equation at the environment's time; reports samples after t."""
+        """The node of the samples of a state, equation or output at the environment's time, from
+        its buffer. `span` is the place that reads them. Reports samples after t and raises
+        LoweringFailed.
+        """
         begin, end = environment.window or (0, 0)
         first, last = begin + environment.shift, end + environment.shift
         if last > 0:
@@ -87,8 +91,8 @@ class Histories:
         return part if environment.window is not None else builder.element(part, WINDOW, 0)
 
     def before(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """Past samples of a state in the start graph: from `history:`, otherwise from its log
-        (R5).
+        """The node in the start graph of samples of a state before t0: from its `history:`,
+        otherwise from its log (R5). Reports a state that has neither and raises LoweringFailed.
         """
         builder = self._context.builder(START)
         window = environment.window
@@ -112,7 +116,9 @@ class Histories:
         return builder.log(name, first + environment.shift, last + environment.shift, type)
 
     def found(self) -> Buffers:
-        """The buffers of this lowering: their lengths and the axes of their values."""
+        """The buffers that this lowering needs, by name: their lengths and the axes of one sample.
+        Reports a window over a value that is a window itself.
+        """
         builder = self._context.builder(STEP)
         buffers: dict[str, Remembered] = {}
         for name, length in self._lengths.items():
@@ -130,7 +136,9 @@ class Histories:
         return buffers
 
     def states(self) -> list[ProgramState]:
-        """A buffer state for each value whose past is read."""
+        """The buffers as states of the program, one for each value whose past is read. A buffer
+        without known initial samples is reported and omitted.
+        """
         builder = self._context.builder(STEP)
         made: list[ProgramState] = []
         # in the last lowering, `_known` equals the buffers found
@@ -153,8 +161,8 @@ class Histories:
     # ---- inside
 
     def _is_measured(self, name: str, entry: State) -> bool:
-        """True if the spec reads the log of a state anywhere (R6); the data must then contain
-        it.
+        """True if the spec reads the log of the state `name` anywhere (R6). It then counts as
+        measured: the data must contain its log.
         """
         if name not in self._context.measured and name in self._named_logs:
             self._context.measured[name] = entry
@@ -162,7 +170,9 @@ class Histories:
 
     @cached_property
     def _named_logs(self) -> frozenset[str]:
-        """Names that the model or its losses read as `name.meas` or predict, lowered or not."""
+        """Names whose log the model or its losses read as `name.meas` or as a predicted signal,
+        also in entries that are not lowered yet.
+        """
         spec = self._context.spec
         model = (spec.states, spec.equations, spec.outputs, spec.functions, spec.layers)
         found = set[str]()
@@ -177,7 +187,9 @@ class Histories:
         return frozenset(found)
 
     def _newest(self, name: str, span: Span) -> NodeId:
-        """A window of one sample: the current value, without a buffer."""
+        """The node of a window of one sample, the value at t, which needs no buffer. Reports a
+        value that is a window itself and raises LoweringFailed.
+        """
         builder = self._context.builder(STEP)
         now = self._now(name, span)
         axes = builder.type(now).axes
@@ -195,7 +207,10 @@ class Histories:
         return self._context.names.value(Name(name, span), STEP)
 
     def _start(self, name: str, entry: State | Equation | Output, remembered: Remembered) -> NodeId:
-        """Samples before t0, from `history:`, from the log, or evaluated from inputs alone (R5)."""
+        """The node of the samples in the buffer `remembered` of `name` before t0: from `history:`,
+        from the log, or evaluated from recorded inputs (R5). Reports that none of these is possible
+        and raises LoweringFailed.
+        """
         context, length = self._context, remembered.length
         builder, before = context.builder(START), START.over(-length, -1)
         target = (*remembered.axes, Axis(WINDOW, length))
@@ -231,7 +246,8 @@ def _buffer(name: str) -> str:
 
 @dataclass(frozen=True)
 class FoundBefore:
-    """Results of the previous lowering that the next one assumes; empty at first.
+    """Buffers and units that the previous lowering found and that the next one assumes; empty at
+    first.
 
     Lowering repeats until they do not change.
     """
@@ -243,7 +259,9 @@ class FoundBefore:
 
 
 class States:
-    """The declared states of a context."""
+    """The entries of `states:` in one lowering; `integrators` has the integrator of the model ("")
+    and of each sub-model.
+    """
 
     def __init__(
         self,
@@ -256,14 +274,16 @@ class States:
         self._integrators = integrators
         self._flow: dict[str, Mapping[str, NodeId]] = {}
         self._next: dict[str, NodeId | None] = {}
-        """None for a state whose `next` failed or is being lowered."""
+        """The node of the next value of each state; None if its `next` failed or is being
+        lowered."""
         self._followed: list[str] = []
         """States whose `next` is being lowered, outermost first."""
         self._differentiated: list[str] = []
         """States whose right-hand side is being lowered, outermost first."""
 
     def value(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The node of a state's value: at t, at earlier samples, or at a stage of the integrator.
+        """The node of a state's value: at t, at earlier samples, or at an integrator stage. `span`
+        is the place that reads it.
 
         An initial value can read only samples before t0. Reports any other use there or in a
         constant, and samples after t, and raises LoweringFailed.
@@ -285,7 +305,10 @@ class States:
         return self._context.builder(environment).state(name, self._context.type_of(entry))
 
     def call(self, function: str, call: Call, environment: Environment) -> NodeId:
-        """`next(x)` or `flow(x)` of a state."""
+        """The node of `next(x)`, the value of the state x after the step, or of `flow(x)`, the
+        result of its integrator; `function` is `next` or `flow`. Raises LoweringFailed after
+        reporting a mistake.
+        """
         findings = self._context.findings
         if len(call.arguments) != 1 or call.keywords:
             found = len(call.arguments) + len(call.keywords)
@@ -322,7 +345,10 @@ class States:
         return self.flow(owner_of(name))[name]
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The right-hand side of a continuous state at the environment's time and stage."""
+        """The node of the right-hand side of a continuous state at the environment's time and
+        integrator stage. Reports a use in the start, in a constant or within itself, and raises
+        LoweringFailed.
+        """
         assert entry.der is not None
         before = environment.part is EnvironmentPart.START and environment.latest < 0
         if environment.part in (EnvironmentPart.START, EnvironmentPart.CONSTANT) and not before:
@@ -343,8 +369,9 @@ class States:
             self._differentiated.pop()
 
     def next(self, name: str, entry: State) -> NodeId:
-        """The value of a state after the step: its `next:`, otherwise the result of the
-        integrator.
+        """The node of a state's value after the step: its `next:`, otherwise the result of the
+        integrator, limited by `on_range: saturate`. Raises LoweringFailed after reporting a
+        mistake.
         """
         if name not in self._next:
             self._next[name] = None
@@ -359,7 +386,9 @@ class States:
         return node
 
     def start(self, name: str, entry: State, builder: GraphBuilder) -> NodeId:
-        """The value before the first step, from `init:`; 0 without it."""
+        """The node of the state's value before the first step, from `init:`; 0 without it.
+        `builder` is that of the start graph. Raises LoweringFailed after reporting a mistake.
+        """
         type = self._context.type_of(entry)
         if entry.start is None:
             return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
@@ -368,7 +397,9 @@ class States:
         return fitted(self._context, f"`init` of `{name}`", node, type, entry.start, at_start)
 
     def flow(self, owner: str) -> Mapping[str, NodeId]:
-        """The result of the integrator for all continuous states of one spec (R6)."""
+        """The nodes of all continuous states of one spec after the step, by name, computed by its
+        integrator (R6). `owner` is the sub-model, "" for the model itself.
+        """
         if owner not in self._flow:
             self._flow[owner] = integrated(self._context, owner, self._integrators[owner])
         return self._flow[owner]

@@ -1,1 +1,1 @@
-"""Derives value, Jacobian and Hessian of one step together, as core operations."""
+"""Derives one graph that computes value, Jacobian and Hessian of one step."""

@@ -1,8 +1,10 @@
-"""Sums the contributions of the operations of a step to the Hessian of λᵀf.
+"""Adds the nodes of the Hessian of λᵀf: sums the contributions of all operations of a step f with
+multipliers λ.
 
 An operation y = φ(a, b, …) has the adjoint ȳ = ∂(λᵀf)/∂y. For directions i and j its contribution
-is Σ ȳ (φ_aa ȧᵢ ȧⱼ + φ_ab (ȧᵢ ḃⱼ + ḃᵢ ȧⱼ) + φ_bb ḃᵢ ḃⱼ) over its elements. Linear operations
-contribute nothing. A product with a factor 0 is 0, even if another is infinite (`slope_product`).
+is Σ ȳ (φ_aa ȧᵢ ȧⱼ + φ_ab (ȧᵢ ḃⱼ + ḃᵢ ȧⱼ) + φ_bb ḃᵢ ḃⱼ) over its elements. φ_aa, … are second
+derivatives, ȧᵢ, … tangents. Linear operations contribute nothing. A product with a factor 0 is 0,
+even if another is infinite (`slope_product`).
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ from compiler.jacobian.matrices import Member
 
 @dataclass(frozen=True, slots=True)
 class DirectionRun:
-    """Directions start … stop−1 of a group; they are matrix columns column, column + 1, …."""
+    """Directions start … stop−1 of a group, and their place in the matrix: columns `column`,
+    column+1, ….
+    """
 
     start: int
     stop: int
@@ -33,7 +37,9 @@ class DirectionRun:
 
 @dataclass(frozen=True, slots=True)
 class Directions:
-    """Variables whose elements are the directions along one axis, member after member."""
+    """A group of variables whose elements, one variable after the other, are the directions along
+    one axis of tangents.
+    """
 
     axis: Axis
     members: tuple[Member, ...]
@@ -41,7 +47,9 @@ class Directions:
     def seeds(
         self, builder: GraphBuilder, leaves: Mapping[str, Sequence[NodeId]]
     ) -> dict[NodeId, NodeId]:
-        """The tangents of the leaves of each member: a unit direction per element."""
+        """The tangents of the nodes that read the variables, by node: a unit direction per element.
+        `leaves` has these nodes by variable name.
+        """
         found: dict[NodeId, NodeId] = {}
         first = 0
         for member in self.members:
@@ -55,7 +63,9 @@ class Directions:
 
     @property
     def runs(self) -> list[DirectionRun]:
-        """The directions as matrix columns, in the smallest number of contiguous runs."""
+        """The places of the directions in the matrix, as the smallest number of runs of adjacent
+        columns.
+        """
         runs: list[DirectionRun] = []
         for member in self.members:
             start = runs[-1].stop if runs else 0
@@ -71,7 +81,7 @@ class Directions:
 def grouped_directions(
     graph: Graph, members: Sequence[Member], leaves: Mapping[str, Sequence[NodeId]]
 ) -> list[Directions]:
-    """Groups the variables `members` that the graph reads, so that those which affect the same
+    """Groups the variables `members` that the graph reads: those that affect the same nonlinear
     operations share one axis of directions.
 
     `leaves` maps the name of a variable to the nodes that read it.
@@ -104,7 +114,9 @@ def grouped_directions(
 
 
 def bends(node: Node, moving: Sequence[bool]) -> bool:
-    """True if the operation can have a second derivative; `moving` flags the dependent operands."""
+    """True if the operation is nonlinear in the operands with a flag in `moving`, those that depend
+    on the variables; only then it has a second derivative.
+    """
     match node.op:
         case ops.Multiply() | ops.Contract():
             return all(moving)
@@ -118,7 +130,8 @@ def bends(node: Node, moving: Sequence[bool]) -> bool:
 
 
 def second_slopes(builder: GraphBuilder, node: NodeId) -> dict[tuple[NodeId, NodeId], NodeId]:
-    """∂²φ/∂a∂b of an `Apply`, by its operands a, b (each pair once), in the axes of the node.
+    """The nodes of the second derivatives ∂²φ/∂a∂b of an `Apply` φ, by pairs (a, b) of its
+    operands, each pair once, in the axes of the node. Absent ones are 0.
 
     If both operands are the same node, as in atan2(x, x), it is the second derivative of φ(x, x).
     The formula is differentiated with `Named` operands, which remain in the graph.
@@ -175,10 +188,11 @@ def curvatures(
     adjoints: Mapping[NodeId, NodeId],
     groups: Sequence[tuple[Directions, Tangents]],
 ) -> dict[tuple[int, int], NodeId]:
-    """The blocks (directions of g, of h) of the Hessian, by group indices g ≤ h; absent blocks are
-    0.
+    """The nodes of the blocks (directions of group g, of group h) of the Hessian, by group indices
+    g ≤ h; absent blocks are 0.
 
-    `adjoints` are those of the nonlinear nodes.
+    `adjoints` are those of the nonlinear nodes, `groups` the directions with the tangents of all
+    nodes.
     """
     found: dict[tuple[int, int], NodeId] = {}
     terms = [term for node, adjoint in adjoints.items() for term in _terms(builder, node, adjoint)]
@@ -197,7 +211,9 @@ def curvatures(
 
 
 def bending_nodes(builder: GraphBuilder, count: int, groups: Sequence[Tangents]) -> list[NodeId]:
-    """The nodes among the first `count` that can have nonzero second derivatives."""
+    """The nodes among the first `count` that can have nonzero second derivatives. `groups` has the
+    tangents of the nodes for each group of directions.
+    """
     # nodes that depend on no direction have no derivatives
     moving = [any(node in tangents for tangents in groups) for node in range(count)]
     return [
@@ -209,7 +225,8 @@ def bending_nodes(builder: GraphBuilder, count: int, groups: Sequence[Tangents])
 
 @dataclass(frozen=True, slots=True)
 class _Term:
-    """Σ weight · (left tangent · right tangent), plus the term with both exchanged if they differ.
+    """One term of the Hessian, for an operation `node`: Σ weight · (tangent of `left` · tangent of
+    `right`), plus the same with both exchanged if they differ.
 
     For a `Contract` over `axis` the weight has the axes of the result; otherwise all axes are
     equal.
@@ -246,7 +263,9 @@ def _terms(b: GraphBuilder, node: NodeId, adjoint: NodeId) -> Iterator[_Term]:
 
 
 class _Block:
-    """Accumulates a block of the Hessian."""
+    """Accumulates the terms of one block of the Hessian, with the directions `first` as rows and
+    `second` as columns.
+    """
 
     def __init__(self, builder: GraphBuilder, first: Directions, second: Directions) -> None:
         self._b = builder
@@ -296,7 +315,10 @@ class _Block:
         return self._b.add(before, more)
 
     def _summed(self, term: _Term, left: NodeId | None, right: NodeId | None) -> NodeId | None:
-        """Σ over all axes except the directions."""
+        """Σ weight · left · right over all axes except the directions, for the tangents `left` and
+        `right` of the term's operands. None if one is None: the operand does not depend on the
+        directions.
+        """
         if left is None or right is None:
             return None
         b = self._b
@@ -316,7 +338,9 @@ def _product(b: GraphBuilder, first: NodeId, second: NodeId) -> NodeId:
 
 
 def _contracted(b: GraphBuilder, left: NodeId, right: NodeId, kept: tuple[Axis, ...]) -> NodeId:
-    """Σ of the product over all axes except `kept`, in the order of `kept`."""
+    """The node of left · right, summed over all axes except `kept`, with the axes in the order of
+    `kept`.
+    """
     names = {axis.name for axis in kept}
     mine, others = b.type(left).axes, b.type(right).axes
     shared = [a.name for a in mine if a.name not in names and a in others]

@@ -1,4 +1,4 @@
-"""Assembles matrices from arrays of derivatives, and finds entries that are known constants."""
+"""Assembles matrices from arrays of derivatives, and finds entries that are constant."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from compiler.jacobian.zeros import known_number, nonzero_elements
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A node whose elements are entries of a matrix, with their positions.
+    """A node whose elements are entries of a matrix, and their positions.
 
-    Element (i, j, …) of the node is entry offset + Σ stride · index, counted in row-major order.
+    Element (i, j, …) of the node is the entry with the row-major index offset + Σ stride · index.
     """
 
     node: NodeId
@@ -34,11 +34,10 @@ class Placed:
 def slopes_of_result(
     builder: GraphBuilder, tangent: NodeId, result: Member, runs: Sequence[DirectionRun], width: int
 ) -> list[Placed]:
-    """Places the derivatives of one result in a matrix with `width` columns, one row per element of
-    it.
+    """Places the derivatives of one result in a Jacobian with `width` columns and one row per
+    element of the result.
 
-    `tangent` has the axes (directions, *axes of the result); `runs` say which directions are which
-    columns.
+    `tangent` has the axes (directions, *axes of the result); `runs` map its directions to columns.
     """
     directions = builder.type(tangent).axes[0].name
     lengths = [axis.size for axis in result.axes]
@@ -62,8 +61,9 @@ def curvature_of_groups(
     columns: Sequence[DirectionRun],
     width: int,
 ) -> list[Placed]:
-    """Places a block (directions, other directions) of a Hessian, and its transpose if
-    off-diagonal.
+    """Places a block (directions, other directions) in a Hessian with `width` columns. `rows` and
+    `columns` map the directions to rows and columns. The transpose is placed, too, unless both are
+    the same object.
     """
     first, second = (axis.name for axis in builder.type(block).axes)
     found: list[Placed] = []
@@ -81,7 +81,9 @@ def curvature_of_groups(
 def matrix_of_blocks(
     builder: GraphBuilder, name: str, rows: Vector, columns: Vector, placed: Sequence[Placed]
 ) -> Matrix:
-    """The matrix with these entries; all others are 0."""
+    """The matrix with the entries `placed`; all others are 0. `rows` and `columns` are the
+    quantities along its sides. Constant entries become numbers of the matrix.
+    """
     parts = [part for block in placed for part in _parts(builder, block)]
     # entries without a block are 0 and constant
     known: list[float | None] = [0.0] * (rows.size * columns.size)
@@ -122,7 +124,9 @@ def matrix_of_blocks(
 
 
 def _parts(builder: GraphBuilder, placed: Placed) -> list[Placed]:
-    """Splits a concatenation into its parts, so that constant parts need no array."""
+    """If the node of `placed` is a concatenation, its parts, each with its place in the matrix, so
+    that constant parts need no array. Any other node unchanged.
+    """
     node = builder.node(placed.node)
     if not isinstance(node.op, ops.Concat):
         return [placed]
@@ -140,7 +144,8 @@ _MOST_RUNS = 8
 
 
 def with_picked_rows(graph: Graph, *, exact: int = 0) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """Replaces products with a selection matrix by slices; returns the graph and the new node ids.
+    """Replaces products with a selection matrix by slices; returns the graph and the new node ids
+    by the old ones.
 
     Σ over k of C[d, k] · x[k, …], with at most one nonzero element in each row d of the constant C,
     is that element times x[k(d), …]. Such products arise from derivatives in unit directions. The
@@ -177,8 +182,9 @@ def _picked(b: GraphBuilder, node: Node, axis: str, args: Sequence[NodeId]) -> N
 
 
 def _runs(values: NDArray[np.float64]) -> list[tuple[int, int]] | None:
-    """Rows start … stop−1 that select consecutive elements or are 0; None if there are too many
-    runs.
+    """Splits the rows of the matrix `values` into runs (start, stop), stop exclusive, of rows that
+    select consecutive elements or are 0. None if a row selects several elements or there are too
+    many runs.
     """
     nonzero = values != 0
     # two nonzero elements in a row are a sum, not a slice

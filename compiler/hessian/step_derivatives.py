@@ -1,14 +1,14 @@
 """Derives the value, Jacobian and Hessian of one step in one graph of array operations.
 
-Results r = f(z) of one step (next states and outputs) depend on variables z (states, inputs, on
-request parameters). λ is a multiplier per result. The graph has r, J = ∂r/∂z and the Hessian H =
-∇²(λᵀf) in z. Forward mode gives the tangents ẏ of every value y, reverse mode the adjoints ȳ =
+The results r = f(z) of one step (next states and outputs) depend on variables z: states, inputs,
+and on request parameters. λ is a multiplier per result. The graph has r, J = ∂r/∂z and the Hessian
+H = ∇²(λᵀf) in z. Forward mode gives the tangents ẏ of every value y, reverse mode the adjoints ȳ =
 ∂(λᵀf)/∂y. H sums, over the nonlinear operations φ, ȳ times the second derivatives of φ in the
 tangents of its operands (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3 and 5;
 `curvature`). Products with matrices stay array operations.
 
 Value, J and H share common nodes. Kinks and infinite derivatives follow `reverse_mode`; a kink has
-no curvature.
+no second derivative.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ LARGEST_FOLDED = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class StepDerivatives:
-    """Matrices, and the graph that computes their entries and the results."""
+    """Jacobian and Hessian of a step, and the graph that computes their entries and the results."""
 
     graph: Graph
     """It reads the same values as the step, and the `multiplier` of each result as a state."""
@@ -72,12 +72,14 @@ class StepDerivatives:
 
 
 def next_value(state: str) -> str:
-    """The name of a state's next value among the results."""
+    """The name of a state's next value among the results: `next(x)`."""
     return f"next({state})"
 
 
 def multiplier(result: str) -> str:
-    """The name of the state that holds the multiplier of a result; it has the result's axes."""
+    """The name of the state from which the graph reads λ of a result, an array with the result's
+    axes.
+    """
     return f"multiplier of {result}"
 
 
@@ -92,11 +94,12 @@ def step_derivatives(
     flat: Collection[str] = (),
     hessian: bool = True,
 ) -> StepDerivatives:
-    """The derivatives of a program in step form, of these results with respect to these variables.
+    """The derivatives of a program in step form: of the results `next_states` and `outputs` with
+    respect to the variables `states`, `inputs` and `parameters`, all by name.
 
     None selects all of them; for inputs, all that a result reads. Their order is that of the
-    program. The Hessian treats next values and outputs named in `flat`, and their operands, as
-    linear. For sums of squares of such outputs it is the Gauss-Newton approximation.
+    program. The Hessian treats next values (`next(x)`) and outputs named in `flat`, and their
+    operands, as linear. For sums of squares of such outputs it is the Gauss-Newton approximation.
     """
     # losses and ranges would keep nodes that no result depends on
     program = guard_untaken(replace(program, losses=(), expected=()))
@@ -168,8 +171,8 @@ def _has(names: Collection[str] | None, name: str) -> bool:
 def _without_windows(
     graph: Graph, wanted: Iterable[NodeId]
 ) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
-    """Copies the wanted nodes; a window becomes a concatenation of its buffer and the newest
-    sample.
+    """A builder with copies of the nodes that the wanted ones depend on, and their new ids by the
+    old ones. A `Window` becomes a concatenation of its buffer and the newest sample.
     """
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
@@ -193,7 +196,7 @@ def _without_windows(
 
 
 def _readers(graph: Graph) -> dict[str, list[NodeId]]:
-    """The nodes that read each state, input and parameter."""
+    """The nodes that read each state, input and parameter, by its name."""
     found: dict[str, list[NodeId]] = {}
     for index, node in graph:
         match node.op:
@@ -207,7 +210,9 @@ def _readers(graph: Graph) -> dict[str, list[NodeId]]:
 def _inputs(
     program: Program, builder: GraphBuilder, leaves: Mapping[str, Sequence[NodeId]]
 ) -> Iterator[Quantity]:
-    """The inputs that the results read; in step form one node reads each."""
+    """The inputs that the graph reads, as (name, axes, unit), in the program's order. `leaves` has
+    the nodes that read each name; in step form one node reads an input.
+    """
     for signal in program.signals:
         for leaf in leaves.get(signal.name, ()):
             # a target can have the name of a state
@@ -218,7 +223,9 @@ def _inputs(
 def _adjoints(
     builder: GraphBuilder, roots: Mapping[str, NodeId], wanted: Sequence[NodeId]
 ) -> dict[NodeId, NodeId]:
-    """∂(λᵀf)/∂y of the wanted nodes y that affect a result."""
+    """∂(λᵀf)/∂y of those wanted nodes y on which a result depends, by node. `roots` are the nodes
+    of the results, by name.
+    """
     seeds: dict[NodeId, NodeId] = {}
     for name, root in roots.items():
         weight = builder.state(multiplier(name), Type(builder.type(root).axes))
@@ -233,8 +240,8 @@ def _adjoints(
 def _finished(
     graph: Graph, count: int, wanted: Sequence[NodeId]
 ) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
-    """The wanted nodes without terms that are known to be 0; the first `count` are copied
-    unchanged.
+    """A builder with the wanted nodes, without terms that are known to be 0, and their new ids by
+    the old ones. The first `count` nodes, those of the model, are copied unchanged.
     """
     live = needed(graph, wanted)
     draft = GraphBuilder()
@@ -259,15 +266,18 @@ def _finished(
 
 @dataclass(frozen=True, slots=True)
 class DerivativeValues:
-    """Results by name, (B, *shape), and matrices by name, (B, rows, columns)."""
+    """The results by name, arrays (B, *shape), and the matrices J and H by name, arrays (B, rows,
+    columns), for B members.
+    """
 
     results: dict[str, Array]
     matrices: dict[str, Array]
 
 
 class DerivativeInterpreter:
-    """Evaluates the derivatives of a program with weights, as `Interpreter` evaluates the
-    program.
+    """Evaluates the derivatives of a program with numpy, as `Interpreter` evaluates the program.
+    `weights` are physical arrays by name; a missing one is the parameter's initial value. Raises
+    ValueError as `Interpreter` does.
     """
 
     def __init__(
@@ -295,7 +305,10 @@ class DerivativeInterpreter:
     def values(
         self, log: Mapping[str, Array], t: ArrayLike, states: Mapping[str, Array]
     ) -> DerivativeValues:
-        """The derivatives of the steps at rows t; `states` includes the multipliers."""
+        """The results and matrices of steps at the rows `t` of the log (one per member). `states`
+        are arrays (B, *shape) by name, including the multipliers. Raises IndexError for rows
+        outside the log.
+        """
         values = self._interpreter.step(log, t, states, losses=False).outputs
         members = len(np.atleast_1d(np.asarray(t)))
         found = self._derivatives

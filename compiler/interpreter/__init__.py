@@ -1,1 +1,3 @@
-"""Runs programs with numpy: the meaning that every backend must agree with."""
+"""The reference interpreter: runs programs with numpy and so defines their meaning for all
+backends.
+"""

@@ -1,4 +1,6 @@
-"""Values with bounds on their rounding error, and the operations that only move or select."""
+"""Values with bounds on their rounding error, and the rules for operations that only move or select
+elements. `rounding.py` has the rules for arithmetic.
+"""
 
 from __future__ import annotations
 
@@ -13,21 +15,22 @@ from compiler.interpreter.operations import NOWHERE, Array, Evaluator
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """A value with a bound on its rounding error; it is a sum of `count` terms in any order.
+    """A value with a bound on its rounding error; it is a sum of `count` terms, which a program may
+    add in any order.
 
-    Arrays are (members, *shape); the batch is 1 if members do not differ. For bools, `error` is 1
-    where another program may decide differently.
+    Arrays are (members, *shape); the first axis is 1 if the value is the same for all members. For
+    bools, `error` is 1 where another program may decide differently.
     """
 
     value: Array
     error: Array
-    """Σ of the errors of the terms, in float64."""
+    """Sum of the maximum errors of the terms, in float64."""
     terms: Array
-    """Σ|terms|, in float64."""
+    """Sum of the magnitudes of the terms, in float64."""
     count: int
 
     def spread(self, unit: float) -> Array:
-        """Maximum rounding error of the value, for any order of summation; `unit` is the unit
+        """Maximum rounding error of each element, for any order of summation; `unit` is the unit
         roundoff.
         """
         # a sum of n terms in any order has n − 1 roundings, each at most u Σ|terms|
@@ -38,7 +41,9 @@ class Bounded:
         return self.value, self.error, self.terms
 
     def repeated(self, members: int) -> Bounded:
-        """The same value for each of `members` members."""
+        """The same value and bounds for each of `members` members; only valid if the first axis is
+        1 or `members`.
+        """
         value, error, terms = (
             np.broadcast_to(part, (members, *part.shape[1:])) for part in self.parts
         )
@@ -47,17 +52,16 @@ class Bounded:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """Prescribed outcomes of a decision (a comparison or sign): `value` where `where` is True.
-
-    Both arrays are (members, *shape).
+    """Prescribed outcomes of a decision (a comparison or sign): `value` where `where` is True, the
+    own outcome elsewhere. Both arrays are (members, *shape).
     """
 
     where: Array
     value: Array
 
     def instead_of(self, one: Bounded) -> Bounded:
-        """The decision `one` with the prescribed outcomes in its place; these have no rounding
-        error.
+        """The decision `one` after the prescribed outcomes have replaced its own; the prescribed
+        ones have no rounding error.
         """
         value = np.where(self.where, self.value, one.value).astype(one.value.dtype)
         error = np.where(self.where, 0.0, one.error)
@@ -66,20 +70,22 @@ class Taken:
 
 
 def exact(value: Array) -> Bounded:
-    """A value without rounding error: every program computes the same bits."""
+    """The value as one without rounding error: every program computes the same bits of it."""
     size = value if value.dtype == bool else np.abs(value)
     return Bounded(value, np.zeros(value.shape), size.astype(float), 1)
 
 
 def unit_roundoff(dtype: np.dtype[Any]) -> float:
-    """u: the maximum relative error of a correctly rounded result, with 1 % added for terms in
-    u².
+    """The unit roundoff u of float32 or float64: the maximum relative error of a correctly rounded
+    result, with 1 % added for terms in u².
     """
     return 0.5 * 1.01 * float(np.finfo(dtype).eps)
 
 
 def moved(meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
-    """The result, with bounds, of an operation that only moves elements or negates them."""
+    """The result, with bounds, of an operation that only moves elements or negates them. `meaning`
+    evaluates the operation, `args` are its operands.
+    """
     value = meaning([one.value for one in args], NOWHERE)
     # a negation also negates the bounds
     error = np.abs(meaning([one.error for one in args], NOWHERE))
@@ -89,7 +95,9 @@ def moved(meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
 
 
 def pushed(meaning: Evaluator, newest: Bounded, state: str, past: Bounded) -> Bounded:
-    """The samples of a buffer followed by its newest sample."""
+    """The result of `Window` with bounds: the samples `past` of the buffer `state`, followed by the
+    sample `newest`. `meaning` evaluates the operation.
+    """
     value, error, terms = (
         meaning([part], replace(NOWHERE, states={state: before}))
         # bounds move along the buffer like values
@@ -99,7 +107,9 @@ def pushed(meaning: Evaluator, newest: Bounded, state: str, past: Bounded) -> Bo
 
 
 def selected(args: Sequence[Bounded], spreads: Sequence[Array]) -> Bounded:
-    """`Select` with bounds."""
+    """The result of `Select` with bounds. `args` are condition, then, otherwise; `spreads` are
+    their maximum rounding errors (`Bounded.spread`).
+    """
     condition, then, otherwise = args
     value = np.where(condition.value, then.value, otherwise.value)
     decided = np.where(condition.value, spreads[1], spreads[2])
@@ -110,9 +120,10 @@ def selected(args: Sequence[Bounded], spreads: Sequence[Array]) -> Bounded:
 
 
 def chosen(value: Array, error: Array) -> Bounded:
-    """The result, with the given error, of an operation that selects one of several values.
+    """The result of an operation that selects one of several values, with the rounding bound
+    `error` for each element.
 
-    An infinite value may be exact.
+    An infinite value may have the bound 0. A NaN bound becomes infinite.
     """
     error = np.where(np.isnan(error), np.inf, error)
     return Bounded(value, error, np.abs(value.astype(float)) + error, 1)
@@ -120,7 +131,8 @@ def chosen(value: Array, error: Array) -> Bounded:
 
 @dataclass(slots=True)
 class Total:
-    """A sum of values over all members and steps, in float64, with what its rounding bound needs.
+    """A sum over all members and steps, in float64, with the sums from which its rounding bound
+    follows.
 
     The bound holds for programs of precision `dtype` that add in any order.
     """
@@ -133,7 +145,7 @@ class Total:
     count: int = 0
 
     def add(self, one: Bounded) -> None:
-        """Adds a value of all members."""
+        """Adds the values of all members in one step."""
         with np.errstate(all="ignore"):
             # always in float64: `off` adds the rounding of the program
             self.value = self.value + one.value.astype(float).sum(axis=0)
@@ -143,8 +155,8 @@ class Total:
         self.count += one.count * len(one.value)
 
     def off(self) -> Array:
-        """Maximum rounding error of the sum; infinite if a partial sum in another order may
-        overflow.
+        """Maximum rounding error of each element of the sum; infinite if a partial sum in another
+        order may overflow.
         """
         off = self.error + max(self.count - 1, 0) * unit_roundoff(self.dtype) * self.terms
         # partial sums in another order may overflow: then there is no bound
@@ -154,8 +166,8 @@ class Total:
 
 @dataclass(slots=True)
 class AdjointTape:
-    """The adjoints of one state during the backward loop, with rounding bounds; for a buffer, of
-    each sample.
+    """The adjoints ∂S/∂(state) of one state during the backward loop, with rounding bounds. For a
+    buffer it holds those of every sample of the rollout.
     """
 
     dtype: np.dtype[Any]
@@ -170,10 +182,10 @@ class AdjointTape:
     def of_zeros(
         cls, members: int, shape: tuple[int, ...], steps: int | None, dtype: np.dtype[Any]
     ) -> AdjointTape:
-        """The adjoints after the last step, all 0.
+        """The adjoints after the last step, all 0, for this number of members.
 
-        `shape` is that of the state. `steps` is the length of the rollouts for a buffer, None for
-        another state.
+        `shape` is that of the state. `steps` is the length of the rollouts for a buffer, None for a
+        state that is no buffer.
         """
         # the samples before the run, and one per step
         whole = shape if steps is None else (*shape[:-1], shape[-1] + steps)
@@ -181,8 +193,8 @@ class AdjointTape:
         return cls(dtype, None if steps is None else shape[-1], value, error, terms)
 
     def after(self, number: int) -> Bounded:
-        """The adjoint of the result of step `number`: the next value, or the newest sample of a
-        buffer.
+        """The adjoint of the result of step `number`, counted from 0: of the state's next value, or
+        of the sample that the step appends to a buffer.
         """
         if self.length is None:
             return self._part(...)
@@ -193,7 +205,7 @@ class AdjointTape:
         """Replaces the adjoints after step `number` by those before it.
 
         `found` is the adjoint that the reverse step computed for the state; None if the step does
-        not read it.
+        not read it. Adjoints of a buffer's samples add up over the steps that read them.
         """
         if self.length is None:
             shape = self.value.shape
@@ -211,7 +223,7 @@ class AdjointTape:
             self.count += found.count
 
     def at_start(self) -> Bounded:
-        """The adjoint of the state at t0."""
+        """The adjoint of the state at t0, before the first step."""
         return self._part(... if self.length is None else (..., slice(0, self.length)))
 
     def _part(self, where: Any) -> Bounded:

@@ -27,7 +27,9 @@ States = dict[str, Array]
 
 @dataclass(frozen=True, slots=True)
 class StepValues:
-    """The results of one step for a batch of B members; every array is (B, *shape)."""
+    """The results of one step for a batch of B members; every array of outputs, states and losses
+    is (B, *shape).
+    """
 
     outputs: dict[str, Array]
     next_states: States
@@ -40,7 +42,9 @@ class StepValues:
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """Outputs of a run, (B, steps, *shape) by name, and the states after its last step."""
+    """The outputs of a rollout, arrays (B, steps, *shape) by name, and the states after its last
+    step, (B, *shape).
+    """
 
     outputs: dict[str, Array]
     states: States
@@ -51,8 +55,9 @@ class Interpreter:
 
     The log has one array (rows, *shape) per signal. `t` are row numbers, one per member of the
     batch. `weights` are physical arrays by name; a missing one is the initial value of the
-    parameter. With float32 every operation rounds to float32, and scalar functions are the msnn
-    kernels. Raises ValueError for weights of a wrong shape, IndexError for rows outside the log.
+    parameter. With float32 every operation rounds to float32, and scalar functions are the math
+    kernels. Raises ValueError for weights of a wrong shape, and for a dtype other than float32 and
+    float64; IndexError for rows outside the log.
     """
 
     def __init__(
@@ -92,7 +97,9 @@ class Interpreter:
         return self._prepared(self.program.step, [*self._outputs, *following, *losses])
 
     def start(self, log: Mapping[str, Array], t0: ArrayLike) -> States:
-        """The states before the first step, for runs that begin at rows t0."""
+        """The states before the first step, (B, *shape) by name, for rollouts that begin at the
+        rows `t0` of the log. Raises IndexError if the start reads rows outside the log.
+        """
         t = _rows(t0)
         values = self._start.run(LeafValues(log, t, {}))
         # copied, since the caller may write to one member of the batch
@@ -109,9 +116,11 @@ class Interpreter:
         *,
         losses: bool = True,
     ) -> StepValues:
-        """Runs one step at rows t; without `losses` the log needs no targets.
+        """Runs one step from `states`, member i at row t[i] of the log. Raises IndexError if it
+        reads rows outside the log.
 
-        States that read the log and that only losses depend on are then omitted.
+        Without `losses` the log needs no targets. States on which only losses depend and that read
+        the log are then omitted.
         """
         rows = _rows(t)
         # two plans, so that a simulation never evaluates nodes that read targets
@@ -141,8 +150,9 @@ class Interpreter:
         steps: int,
         states: Mapping[str, Array] | None = None,
     ) -> Rollout:
-        """Runs `steps` steps from rows t0, from `states` or those of `start`; evaluates no
-        losses.
+        """Runs `steps` steps, member i from row t0[i] on, and evaluates no losses. It begins with
+        `states`, or with those of `start` if they are None. Raises IndexError if it reads rows
+        outside the log.
         """
         t = _rows(t0)
         current: Mapping[str, Array] = self.start(log, t) if states is None else states
@@ -173,7 +183,9 @@ class Interpreter:
 def physical_weights(
     program: Program, weights: Mapping[str, ArrayLike]
 ) -> dict[str, NDArray[np.float64]]:
-    """The array of each parameter; its initial value if `weights` lacks it."""
+    """The float64 array of each parameter, by name; its initial value if `weights` lacks it. Raises
+    ValueError for a wrong shape.
+    """
     result: dict[str, NDArray[np.float64]] = {}
     for parameter in program.parameters:
         shape = tuple(axis.size for axis in parameter.axes)
@@ -190,7 +202,9 @@ def physical_weights(
 
 
 class _Plan:
-    """The evaluators of the nodes that some results depend on; constant nodes are computed once."""
+    """Computes the `wanted` nodes of a graph: one evaluator for each node that they depend on.
+    Nodes without samples and states are evaluated once, in advance.
+    """
 
     def __init__(
         self,

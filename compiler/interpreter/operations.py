@@ -1,13 +1,14 @@
-"""Turns a node into a function that computes its value with numpy: the semantics of each op.
+"""Translates a node into a function that computes its value with numpy; this defines the meaning of
+each operation.
 
 Values have the batch as their first axis; a value that is equal for the whole batch may have a
 batch of 1. All backends evaluate sums and selections in this order, so that C reproduces them bit
 for bit:
 
 - a sum starts with element 0 and adds the others one after the other (`np.add.accumulate`, which is
-sequential by definition; `np.sum` is pairwise);
+  sequential by definition; `np.sum` is pairwise);
 - `Minimum(a, b)` is a where a <= b or a is NaN, else b; `Maximum` uses >=. A tie, also of −0 and
-+0, gives the first operand, and NaN propagates;
+  +0, gives the first operand, and NaN propagates;
 - `Clamp(x, low, high)` is Minimum(Maximum(x, low), high).
 """
 
@@ -33,7 +34,9 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class LeafValues:
-    """The values that a graph reads: the log, the row numbers of the batch, and the states."""
+    """The values that a graph reads: the log, (rows, *shape) by signal; the row number `t` of each
+    member; and the states, (B, *shape) by name.
+    """
 
     log: Mapping[str, Array]
     t: NDArray[np.int64]
@@ -59,9 +62,11 @@ def evaluator(
     weights: Mapping[str, Array],
     dtype: np.dtype[Any],
 ) -> Evaluator:
-    """A function that computes the node from the values of all nodes before it.
+    """A function (values, leaves) → array that computes the node from the values of all nodes,
+    indexed by node id, and the leaf values.
 
-    `operands` are the types of the node's arguments. Real values have exactly `dtype`.
+    `operands` are the types of the node's operands, `weights` the physical arrays by parameter
+    name. Real results have exactly `dtype`.
     """
     args, shape = node.args, node.type.shape
     match node.op:
@@ -179,9 +184,10 @@ def _maximum(left: Array, right: Array) -> Array:
 
 
 def _placement(operand: Type, result: Type, summed: str | None = None) -> Callable[[Array], Array]:
-    """Moves the axes of an operand to their places in the result; missing axes get length 1.
+    """A function that moves the axes of an operand to their places in the result's type; axes that
+    the operand lacks get length 1.
 
-    With `summed`, that axis comes first, before the batch.
+    The batch is the first axis. With `summed`, the axis of this name comes before it.
     """
     names = operand.axis_names
     result_names = [axis.name for axis in result.axes]
@@ -204,20 +210,20 @@ def _concatenated(parts: list[Array], position: int) -> Array:
 
 
 def repeated_batch(value: Array, batch: int) -> Array:
-    """The value, repeated along the batch if it has a batch of 1."""
+    """The value with a first axis of length `batch`: repeated if that axis had length 1."""
     if value.shape[0] == batch:
         return value
     return np.broadcast_to(value, (batch, *value.shape[1:]))
 
 
 def _sum(terms: Array) -> Array:
-    """((e₀ + e₁) + e₂) + … over the first axis."""
+    """The sum of `terms` over the first axis, one after the other: ((e₀ + e₁) + e₂) + …."""
     return np.add.accumulate(terms, axis=0)[-1]
 
 
 def constant_value(graph: Graph, node: NodeId) -> Array:
-    """The float64 value of a node, in the shape of its axes; it must not depend on signals or
-    states.
+    """The float64 value of a node, an array in the shape of its axes. The node must depend on
+    constants only; a read of a parameter or state raises KeyError.
     """
     values: list[Any] = [None] * len(graph)
     with np.errstate(all="ignore"):
@@ -234,7 +240,9 @@ _ARITHMETIC = (ops.Add, ops.Subtract, ops.Multiply, ops.Divide, ops.Apply)
 
 
 def never_finite(program: Program) -> list[Diagnostic]:
-    """Warns about terms that are never finite; the program has been through the passes."""
+    """Warnings (diagnostics) for the places in the spec where the step divides by the constant 0 or
+    computes an infinite or NaN constant. The passes must have folded constants before.
+    """
     graph = program.step
     found: dict[Diagnostic, None] = {}
     for _, node in graph:

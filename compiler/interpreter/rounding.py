@@ -1,4 +1,4 @@
-"""Evaluates a graph like the interpreter and bounds the rounding error of each value.
+"""Evaluates a graph like the reference interpreter and bounds the rounding error of each value.
 
 The bounds hold for every program that computes the same nodes in the same precision, for any order
 of summation and any fused products (decision 0180). A node that is a sum of n terms is within
@@ -48,7 +48,9 @@ halves."""
 
 @dataclass(frozen=True, slots=True)
 class _Given:
-    """The external values of one evaluation."""
+    """The values that one evaluation of a graph reads: log and rows, states, and values of
+    training.
+    """
 
     around: LeafValues
     states: Mapping[str, Bounded]
@@ -61,7 +63,7 @@ _Alone = _Extreme | ops.Multiply | ops.Divide | ops.Compare | ops.Select | ops.A
 
 
 class BoundedGraph:
-    """Evaluates the wanted nodes of a graph in one precision, with rounding bounds.
+    """Evaluates the `wanted` nodes of a graph in the precision `dtype`, with rounding bounds.
 
     `weights` are physical arrays by name. States and training values are arguments of each
     evaluation.
@@ -87,9 +89,11 @@ class BoundedGraph:
         training: Mapping[TrainingValue, Bounded] | None = None,
         taken: Mapping[NodeId, Taken] | None = None,
     ) -> list[Bounded]:
-        """Evaluates the wanted nodes, and their operands, at rows t; other entries are None.
+        """Evaluates the wanted nodes, and all nodes that they depend on, at the rows `t`, one per
+        member, with these states. Returns a list indexed by node id; other entries are None.
 
-        `taken` prescribes elements of decisions, which then have no error.
+        `training` has the values of `ReadTraining` nodes. `taken` prescribes the outcomes of some
+        comparisons and signs, which then have no error.
         """
         found: list[Any] = [None] * len(self._graph)
         given = _Given(LeafValues(log, t, {}), states, training or {})
@@ -103,10 +107,10 @@ class BoundedGraph:
 
     @property
     def decisions(self) -> dict[NodeId, tuple[Any, ...]]:
-        """The wanted nodes that are discontinuous, in order, with their possible values.
+        """The evaluated nodes that are discontinuous, comparisons and signs, in order, with their
+        possible values.
 
-        These are comparisons and signs. The `error` of an element is 0 if every program decides
-        equally.
+        The `error` of an element of such a node is 0 if every program decides it identically.
         """
         found: dict[NodeId, tuple[Any, ...]] = {}
         for index, node, _ in self._steps:
@@ -120,7 +124,9 @@ class BoundedGraph:
         return found
 
     def _evaluator(self, node: Node) -> Evaluator | None:
-        """The evaluator of the node for a list of its operands; None for values passed to `run`."""
+        """A function that computes the node from a list of its operands only; None for a state or a
+        value of training, which `run` receives.
+        """
         op = node.op
         if isinstance(op, ops.ReadState | ops.ReadTraining):
             return None
@@ -164,7 +170,9 @@ class BoundedGraph:
                 return self._alone(op, meaning, args)
 
     def _alone(self, op: _Alone, meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
-        """A value that is not a sum: the error of its operands, plus its own rounding."""
+        """The value with bounds of an operation that is not a sum: the errors of its operands, and
+        its own rounding. `meaning` evaluates the operation.
+        """
         # error of each operand, including the rounding of its sum
         spreads = [one.spread(self.unit) for one in args]
         values = [one.value for one in args]
@@ -198,7 +206,9 @@ class BoundedGraph:
     # ---- rules
 
     def _counts(self, one: Bounded, terms: Array) -> bool:
-        """True if all elements are exact integers, whose sums are exact too."""
+        """True if all elements of `one` are exact integers so small that their sums are exact too.
+        `terms` are the magnitudes of the elements.
+        """
         whole = (one.value == np.rint(one.value)) & (one.error == 0.0) & (terms < 0.5 / self.unit)
         return one.count == 1 and bool(whole.all())
 
@@ -207,14 +217,17 @@ class BoundedGraph:
         return float(np.finfo(self._dtype).smallest_subnormal)
 
     def _sum(self, value: Array, error: Array, terms: Array, count: int) -> Bounded:
-        """A sum; without bound if its terms, in another order, may overflow."""
+        """The value of a sum of `count` terms with its bounds: `error` is the sum of the terms'
+        errors, `terms` that of their magnitudes. The error is infinite if a sum of the terms in
+        another order may overflow.
+        """
         value = value.astype(self._dtype, copy=False)
         # the negated comparison makes NaN unknown as well
         unknown = ~(terms + error < 0.5 * float(np.finfo(self._dtype).max))
         return Bounded(value, np.where(unknown, np.inf, error), terms, count)
 
     def _term(self, value: Array, error: Array) -> Bounded:
-        """A value that is not a sum."""
+        """A value that is not a sum, with the maximum error `error` of each element."""
         return self._sum(value, error, np.abs(value).astype(float) + error, 1)
 
     def _product(self, values: Sequence[Array], spreads: Sequence[Array]) -> Bounded:
@@ -287,10 +300,11 @@ class BoundedGraph:
 def _reach(
     function: Callable[..., Array], values: Sequence[Array], spreads: Sequence[Array]
 ) -> Array:
-    """Maximum change of a function's value while its arguments vary within their bounds.
+    """Maximum change of `function` while each argument varies by at most its spread around its
+    value; infinite if it leaves the domain of the function.
 
-    It is twice the largest change at ends, halves and corners. That is exact to first order; a
-    monotone function is extreme at the ends.
+    It is twice the largest change at the ends and halves of the intervals and their corners. That
+    is exact to first order; a monotone function is extreme at the ends.
     """
     shape = np.broadcast_shapes(*(value.shape for value in values))
     if not any(spread.any() for spread in spreads):
@@ -312,8 +326,8 @@ def _reach(
 
 @dataclass(frozen=True, slots=True)
 class Rollouts:
-    """A batch of rollouts: `steps` steps from each of the rows `t0`; losses count from step
-    `skip`.
+    """A batch of rollouts over the log: `steps` steps from each of the rows `t0`. Losses count from
+    step `skip` on.
     """
 
     log: Mapping[str, Array]
@@ -324,14 +338,18 @@ class Rollouts:
 
 @dataclass(frozen=True, slots=True)
 class RolloutStep:
-    """The states before one step of all rollouts, and the values of the nodes of the step."""
+    """The states before one step of all rollouts, by name, and the values of the step's nodes by
+    node id.
+    """
 
     states: dict[str, Bounded]
     values: list[Bounded]
 
 
 class Forward:
-    """Evaluates the start and the step of a program, with the requested nodes of each step."""
+    """Evaluates the start and the steps of a program with rounding bounds, including the nodes
+    `wanted` of each step.
+    """
 
     def __init__(
         self,
@@ -349,7 +367,7 @@ class Forward:
         self._step = made(program.step, [*(state.next for state in program.states), *wanted])
 
     def moments(self, runs: Rollouts) -> list[RolloutStep]:
-        """Returns every step of the rollouts."""
+        """Runs the rollouts and returns one `RolloutStep` per step."""
         members = len(runs.t0)
         values = self._start.run(runs.log, runs.t0, {})
         states = {s.name: values[s.start].repeated(members) for s in self._program.states}

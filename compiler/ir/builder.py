@@ -1,4 +1,6 @@
-"""Builds a graph of typed nodes, one method per operation; operands are aligned by axis name."""
+"""`GraphBuilder` builds a graph of typed nodes with one method per operation; it matches the axes
+of operands by their names and derives axes and unit of each result.
+"""
 
 from __future__ import annotations
 
@@ -32,11 +34,11 @@ _ZERO_OF_ZEROS = (ops.Add, ops.Subtract, ops.Negate, ops.Broadcast, ops.Concat)
 
 
 class GraphBuilder(NodeStore):
-    """Adds nodes to a growing `Graph`, one method per operation; the methods take and return node
+    """Adds nodes to a growing `Graph`, one method per operation. The methods take and return node
     ids.
 
     They derive the axes and the unit of the result. Operands whose axes do not fit raise
-    AxisConflict. Units that do not fit are collected in the list `conflicts`.
+    AxisConflict. Units that do not fit raise nothing: they are appended to the list `conflicts`.
     """
 
     def __init__(self, graph: Graph | None = None) -> None:
@@ -53,7 +55,9 @@ class GraphBuilder(NodeStore):
     def emit(
         self, op: ops.Op, args: tuple[NodeId, ...], type: Type, span: Span | None = None
     ) -> NodeId:
-        """Returns the node with this operation, operands and type; adds it if there is none."""
+        """Returns the id of the node with operation `op`, operands `args` and this type; adds the
+        node if the graph has none. A new node gets the place `span`, or that of the enclosing `at`.
+        """
         node = super().emit(op, args, type, span)
         self._note_zero(node, op, args)
         return node
@@ -67,24 +71,30 @@ class GraphBuilder(NodeStore):
         unit: Unit | None = ONE,
         name: str = "",
     ) -> NodeId:
-        """A constant; `value` has its elements in C order of the axes."""
+        """A constant with these axes. `value` is a scalar or an array with their elements in C
+        order; `name` is the name of the constant in the spec, empty without one.
+        """
         values = tuple(float(v) for v in np.asarray(value, dtype=float).ravel())
         return self.emit(ops.Constant(values, name), (), Type(axes, unit))
 
     def parameter(self, name: str, type: Type) -> NodeId:
-        """Reads a parameter, in its physical unit."""
+        """Reads the parameter `name` in its physical unit; `type` has its axes and unit."""
         return self.emit(ops.ReadParameter(name), (), type)
 
     def signal(self, name: str, first: int, last: int, type: Type) -> NodeId:
-        """Reads samples t+first … t+last of an input as the step sees it."""
+        """Reads samples t+first … t+last of an input, in a closed loop the predicted ones. `type`
+        needs a window axis of last−first+1 samples; without a window, first equals last.
+        """
         return self.emit(ops.ReadSignal(name, first, last), (), type)
 
     def log(self, name: str, first: int, last: int, type: Type) -> NodeId:
-        """Reads samples t+first … t+last of a recorded signal."""
+        """Reads samples t+first … t+last of a signal as recorded, even if a closed loop predicts
+        it. `type` needs a window axis of last−first+1 samples; without a window, first equals last.
+        """
         return self.emit(ops.ReadLog(name, first, last), (), type)
 
     def state(self, name: str, type: Type) -> NodeId:
-        """Reads the current value of a state."""
+        """Reads the value at t of the state `name`; `type` has its axes and unit."""
         return self.emit(ops.ReadState(name), (), type)
 
     # ---- elementwise
@@ -121,7 +131,9 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Negate(), (value,), self.type(value))
 
     def power(self, base: NodeId, exponent: int) -> NodeId:
-        """baseⁿ as a fixed sequence of squarings and products; 1/base⁻ⁿ for a negative exponent."""
+        """baseⁿ of an integer exponent n as a fixed sequence of squarings and products; 1 / base⁻ⁿ
+        if n is negative. n = 0 gives 1 for every base, also for NaN.
+        """
         if exponent < 0:
             return self.divide(self.constant(1.0), self.power(base, -exponent))
         # the order of the products fixes the rounding of a power: every backend repeats these nodes
@@ -162,13 +174,16 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Clamp(), (value, low, high), Type(axes, unit))
 
     def where_negative(self, value: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
-        """`then` where the value is below 0, otherwise (also for NaN) `otherwise`."""
+        """Element by element, `then` if `value` is below 0, else (also if it is NaN)
+        `otherwise`.
+        """
         is_negative = self.compare(ops.Relation.LESS, value, self.constant(0.0))
         return self.select(is_negative, then, otherwise)
 
     def zero_with(self, factor: NodeId, product: NodeId) -> NodeId:
-        """The product, but 0 where `factor` is 0, even if the other factor is infinite; NaN is not
-        0.
+        """The node `product`, a product with the factor `factor`, but 0 where the factor is 0, even
+        if the other factor is infinite and 0·∞ gives NaN. Where the factor is NaN the product
+        remains.
         """
         if self.infinite_values.is_never_zero(factor):
             return product
@@ -179,7 +194,9 @@ class GraphBuilder(NodeStore):
         return self.select(is_zero, zero, product)
 
     def apply(self, function: str, *args: NodeId) -> NodeId:
-        """Applies a scalar function of the table, element by element."""
+        """Applies the scalar function `function` (a key of SCALAR_FUNCTIONS, else KeyError) to one
+        or two arguments, element by element.
+        """
         row = SCALAR_FUNCTIONS[function]
         units = tuple(self.type(arg).unit for arg in args)
         unit, conflict = function_unit(function, row.units, units)
@@ -191,31 +208,39 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Apply(function), args, self.type(args[0]).with_unit(unit))
 
     def dropout(self, value: NodeId, rate: float, layer: str) -> NodeId:
-        """Marks a value whose elements training drops at random with probability `rate`."""
+        """Marks a value whose elements training sets to 0 at random with probability `rate`;
+        `layer` is the name of the layer, empty for the function `dropout` of the language.
+        """
         return self.emit(ops.Dropout(rate, layer), (value,), self.type(value))
 
     def named(self, value: NodeId, name: str) -> NodeId:
-        """Marks a value as the equation or output `name`, so that gradients can be taken at it."""
+        """Adds a node that returns the value unchanged and marks it as the equation or output
+        `name`, so that gradients with respect to it can be taken.
+        """
         return self.emit(ops.Named(name), (value,), self.type(value))
 
     # ---- structure
 
     def broadcast(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
-        """Repeats the value along the axes that it lacks, in the order of `axes`."""
+        """Repeats the value along the axes that it lacks. The result has exactly `axes`, in this
+        order; each axis of the value must be among them.
+        """
         type = self.type(value)
         if type.axes == axes:
             return value
         return self.emit(ops.Broadcast(), (value,), type.with_axes(axes))
 
     def reshape(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
-        """Gives the same elements, in the same order, other axes of the same total size."""
+        """The same elements in the same order, with other axes of the same total size."""
         type = self.type(value)
         if type.axes == axes:
             return value
         return self.emit(ops.Reshape(), (value,), type.with_axes(axes))
 
     def rename(self, value: NodeId, old: str, new: str) -> NodeId:
-        """Renames one axis; an axis that becomes the window also moves to the end."""
+        """Renames the axis `old` of a value to `new`; an axis that becomes the window also moves to
+        the end.
+        """
         axes = self.type(value).axes
         if new == WINDOW:
             last = tuple(a for a in axes if a.name == old)
@@ -224,7 +249,9 @@ class GraphBuilder(NodeStore):
         return self.reshape(value, tuple(Axis(new, a.size) if a.name == old else a for a in axes))
 
     def slice(self, value: NodeId, axis: str, start: int, stop: int) -> NodeId:
-        """Elements start … stop−1 along one axis."""
+        """Elements start … stop−1 along the axis of this name, counted from 0; the axis remains,
+        shortened.
+        """
         type = self.type(value)
         if (start, stop) == (0, type.axes[type.position(axis)].size):
             return value
@@ -232,13 +259,15 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Slice(axis, start, stop), (value,), type.with_axes(axes))
 
     def element(self, value: NodeId, axis: str, index: int) -> NodeId:
-        """One element along an axis; the axis is removed."""
+        """The element `index`, counted from 0, along the axis of this name; the axis is removed."""
         part = self.slice(value, axis, index, index + 1)
         rest = tuple(a for a in self.type(part).axes if a.name != axis)
         return self.reshape(part, rest)
 
     def concat(self, values: Sequence[NodeId], axis: str, called: str = "concat") -> NodeId:
-        """Concatenates values along an axis; `called` is the name of the function in the spec."""
+        """Concatenates values along the axis of this name, which all of them have; their other axes
+        are equal. `called` is the function's name in the spec, for a unit conflict.
+        """
         types = [self.type(value) for value in values]
         # a part of unknown unit takes the unit of its neighbours, like a term of a sum
         unit = types[0].unit
@@ -251,14 +280,14 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Concat(axis), tuple(values), Type(axes, unit))
 
     def sum(self, value: NodeId, axis: str) -> NodeId:
-        """Sums over one axis, which is removed."""
+        """Sums over the axis of this name, which is removed."""
         type = self.type(value)
         rest = tuple(a for a in type.axes if a.name != axis)
         return self.emit(ops.Sum(axis), (value,), type.with_axes(rest))
 
     def contract(self, left: NodeId, right: NodeId) -> NodeId:
-        """`left @ right`: sums the products over the axis that rule R3 chooses (see
-        `contracted`).
+        """`left @ right`: the sum of products over the axis that rule R3 of the language chooses
+        (see `contracted`). Raises AxisConflict if no axis or several fit.
         """
         mine, partner, axes = contracted(self.type(left).axes, self.type(right).axes)
         if partner != mine.name:
@@ -267,7 +296,9 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Contract(mine.name), (left, right), Type(axes, unit))
 
     def contract_over(self, left: NodeId, right: NodeId, axis: str) -> NodeId:
-        """Sums the product over `axis`, which both values have; other axes are aligned by name."""
+        """Multiplies two values and sums over the axis of this name, which both have. Other axes
+        are matched by name, and an axis that one value lacks is repeated. A window stays last.
+        """
         mine, other = self.type(left), self.type(right)
         # unlike `@` this searches no partner axis: the caller names it; a window stays last
         rest = [a for a in mine.axes if a.name != axis]
@@ -276,7 +307,9 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Contract(axis), (left, right), Type(in_order(tuple(rest)), unit))
 
     def window(self, state: str, newest: NodeId, length: int) -> NodeId:
-        """The `length` stored samples of a buffer state, followed by the newest sample."""
+        """The stored samples of the buffer `state` (`length` of them, oldest first) and, last, the
+        node `newest`: length+1 samples along a new window axis.
+        """
         type = self.type(newest)
         return self.emit(
             ops.Window(state), (newest,), type.with_axes((*type.axes, Axis(WINDOW, length + 1)))
@@ -285,8 +318,8 @@ class GraphBuilder(NodeStore):
     # ---- inside
 
     def aligned(self, left: NodeId, right: NodeId) -> tuple[NodeId, NodeId, tuple[Axis, ...]]:
-        """Returns both operands, broadcast to the axes of their elementwise result, and these
-        axes.
+        """Returns `left` and `right`, both broadcast to the axes of their elementwise result, and
+        these axes. Raises AxisConflict if the operands' axes do not fit.
         """
         left_type, right_type = self.type(left), self.type(right)
         if left_type.axes == right_type.axes:
@@ -297,7 +330,9 @@ class GraphBuilder(NodeStore):
         return self.broadcast(left, axes), self.broadcast(right, axes), axes
 
     def _as_named(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
-        """The value, with the axis renamed to the window if `align` chose it as the window."""
+        """The value, but if it has an axis that is not in `axes`, this axis is renamed to the
+        window. `axes` are the renamed axes that `align` returned for the value.
+        """
         names = {axis.name for axis in axes}
         for axis in self.type(value).axes:
             if axis.name not in names:
@@ -314,7 +349,10 @@ class GraphBuilder(NodeStore):
     def _unit_of_terms(
         self, rule: Callable[[Unit | None, Unit | None], Ruled], left: NodeId, right: NodeId
     ) -> Unit | None:
-        """Unit of a sum or a difference. A literal 0 takes the unit of the other term."""
+        """Unit of a sum or a difference, by `rule`: it takes both units and returns the unit and a
+        conflict or None. A literal 0 takes the unit of the other term. A conflict is added to
+        `conflicts`.
+        """
         for zero, other in ((left, right), (right, left)):
             if self._is_zero(zero):
                 return self.type(other).unit
@@ -349,7 +387,9 @@ class GraphBuilder(NodeStore):
 
 
 def copy_node(builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> NodeId:
-    """Adds a node with new operands and the same type, place and label; reuses an equal node."""
+    """Adds the operation of `node` with the operands `args` (ids of the builder's graph), and with
+    its type, place and label; reuses an equal node. Returns the id of the copy.
+    """
     copied = builder.emit(node.op, args, node.type, node.span)
     if node.label is not None:
         builder.name(copied, node.label)
@@ -373,7 +413,9 @@ def with_step(program: Program, step: Graph, copies: Mapping[NodeId, NodeId]) ->
 
 
 def with_start(program: Program, start: Graph, copies: Mapping[NodeId, NodeId]) -> Program:
-    """Replaces the start graph; `copies` maps each state's start node to its new id."""
+    """The program with another start graph; `copies` maps the start node of each state in the old
+    graph to its id in the new one. Raises KeyError for a missing one.
+    """
     states = tuple(replace(state, start=copies[state.start]) for state in program.states)
     return replace(program, start=start, states=states)
 
@@ -381,10 +423,9 @@ def with_start(program: Program, start: Graph, copies: Mapping[NodeId, NodeId]) 
 def samples(
     builder: GraphBuilder, value: NodeId, oldest: int, read: tuple[int, int], like: Node
 ) -> NodeId:
-    """Slices samples t+first … t+last, `read`, out of a value whose window begins at t+oldest.
-
-    The result has the axes of `like`, the node that read these samples before. If `like` has no
-    window axis, the result is a single sample.
+    """Slices samples t+first … t+last, the pair `read`, out of a node `value` whose window begins
+    with sample t+oldest. The result has the axes of `like`, the node that read these samples
+    before. If `like` has no window axis, the result is a single sample.
     """
     first, last = read
     part = builder.slice(value, WINDOW, first - oldest, last - oldest + 1)

@@ -1,10 +1,11 @@
-"""Finds values that can be infinite or 0, so that a product of derivatives tests only these.
+"""Analyses which values can be infinite or 0, so that derivatives guard only products in which 0·∞
+may occur.
 
-The operations alone decide, and each node is analysed once. A divisor counts as nonzero in three
-cases:
+The analysis uses the operations only, not the data, and visits each node once. Dividing by a value
+counts as harmless in three cases:
 
-- It is a nonzero constant.
-- It depends on parameters only; at 0 the model itself is not finite.
+- The divisor is a nonzero constant.
+- It depends on parameters only; if it is 0, the model itself is not finite.
 - It is built from those and from positive values (`1 + x²`, `exp`, `cosh`).
 
 Overflow is ignored: its results count as finite.
@@ -20,7 +21,9 @@ from compiler.ir.program import Node, NodeId
 
 
 class Sign(IntEnum):
-    """The known sign of all elements of a value; a higher number is more knowledge."""
+    """The sign that is known of all elements of a value. A member with a higher number is the
+    stronger fact.
+    """
 
     ANY = 0
     NOT_NEGATIVE = 1
@@ -33,7 +36,9 @@ _BOUNDED = frozenset({"sin", "cos", "asin", "acos", "atan", "atan2", "tanh", "si
 
 
 class Infinite(IntEnum):
-    """The case in which a value can be infinite although all inputs are finite."""
+    """Says if a value can become infinite although all inputs are finite, and if the model's own
+    values are infinite in this case, too.
+    """
 
     NEVER = 0
     WITH_MODEL = 1
@@ -44,7 +49,7 @@ class Infinite(IntEnum):
 
 
 class InfiniteValues:
-    """Tells for the nodes of a growing graph if they can be infinite, 0 or negative.
+    """Answers, for the nodes of a growing graph, if their values can be infinite, 0 or negative.
 
     Each node is analysed once, when a question first needs it.
     """
@@ -53,8 +58,8 @@ class InfiniteValues:
         self._graph = graph
         self._signs: list[Sign] = []
         self._divisor_signs: list[Sign] = []
-        """The same, assuming that no parameter, and nothing computed from parameters alone, is
-        0."""
+        """The sign of each node, assuming that no parameter, and nothing computed from parameters
+        alone, is 0."""
         self._fixed: list[bool] = []
         self._infinite: list[Infinite] = []
         self._made_of: list[bool] = []
@@ -62,24 +67,29 @@ class InfiniteValues:
         """True if the value can be ±∞. sin(1/x) cannot, although 1/x can: it is NaN there."""
 
     def expect(self, node: NodeId) -> None:
-        """Marks a new node as possibly infinite, whatever its operands are."""
+        """Marks `node` as possibly infinite, whatever its operands are. Call it before a node that
+        uses this one is analysed.
+        """
         self._look(node)
         self._infinite[node] = Infinite.ALONE
         self._made_of[node] = True
         self._unbounded[node] = True
 
     def sign(self, node: NodeId) -> Sign:
-        """The known sign of every element."""
+        """The sign that is proved for every element of the node's value; `Sign.ANY` if
+        nothing is.
+        """
         self._look(node)
         return self._signs[node]
 
     def is_never_zero(self, node: NodeId) -> bool:
-        """True if no element of the value can be 0."""
+        """True if it is proved that no element of the node's value is 0."""
         self._look(node)
         return self._signs[node] >= Sign.NOT_ZERO
 
     def divides(self, node: NodeId) -> bool:
-        """True if dividing by the value gives no infinity that the model itself does not have.
+        """True if a division by the value gives an infinity only where the model itself is not
+        finite.
 
         That is, no element can be 0, provided that no parameter, and nothing computed from
         parameters alone, is 0.
@@ -88,12 +98,14 @@ class InfiniteValues:
         return self._divisor_signs[node] >= Sign.NOT_ZERO
 
     def can_be_infinite(self, node: NodeId) -> bool:
-        """True if the value can be infinite. A product with it must test the other factor for 0."""
+        """True if an element of the value can be infinite. A product with it needs a test if the
+        other factor is 0 (`GraphBuilder.zero_with`), since 0·∞ is NaN.
+        """
         self._look(node)
         return self._infinite[node] is not Infinite.NEVER
 
     def is_made_of_infinite(self, node: NodeId) -> bool:
-        """True if the value, or any value that it depends on, can be infinite."""
+        """True if the value, or any value from which it is computed, can be infinite."""
         self._look(node)
         return self._made_of[node]
 
@@ -148,12 +160,12 @@ class InfiniteValues:
 
 
 def _is_bounded(node: Node) -> bool:
-    """True if the value is finite or NaN for any operands."""
+    """True if the node is a function such as sin or tanh, whose value is never infinite."""
     return isinstance(node.op, ops.Apply) and node.op.function in _BOUNDED
 
 
 def _sign(node: Node, of: list[Sign]) -> Sign:
-    """The sign of a value, from the signs `of` of its operands."""
+    """The sign that is known of a node's value, from the signs `of` of its operands."""
     known = [sign for sign in of if sign in (Sign.NOT_NEGATIVE, Sign.POSITIVE)]
     match node.op:
         case ops.Constant(values) if node.type.kind == "real":
@@ -227,7 +239,7 @@ def _of_product(left: Sign, right: Sign) -> Sign:
 
 
 def _common(signs: list[Sign]) -> Sign:
-    """The strongest sign that holds for all of them."""
+    """The strongest sign that every one of the `signs` implies; `signs` is not empty."""
     distinct = set(signs)
     if distinct <= {Sign.NOT_NEGATIVE, Sign.POSITIVE}:
         return min(signs)

@@ -15,8 +15,8 @@ _COMPARED: tuple[type[Hashable], ...] = (str, bool, int, frozenset)
 
 
 def kept_for_same(most: int) -> Callable[[Callable[[*Given], Made]], Callable[[*Given], Made]]:
-    """Decorates a function so that its `most` latest results are cached and reused for the same
-    objects.
+    """Decorates a function so that its `most` latest results are cached. A call with the same
+    arguments returns the cached object.
 
     An argument counts as the same if it is the identical object, since programs, stages and plans
     are immutable. Comparing their values would be slow, and would confuse 0.0 with -0.0. Strings,

@@ -1,4 +1,6 @@
-"""Stores the nodes of a growing graph, finds the nodes that values depend on, and orders nodes."""
+"""`NodeStore` collects the nodes of a growing graph. Functions find the nodes on which values
+depend, the samples that a graph reads, and an order in which nodes can be evaluated.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from spec_schema.units.unit import Unit
 
 
 class NodeStore:
-    """Adds nodes to a growing `Graph`; a node equal to an existing one is not stored again."""
+    """Adds nodes to a growing `Graph`; a node equal to an existing one is not stored again. With an
+    initial graph, the store begins with its nodes, under the same ids.
+    """
 
     def __init__(self, graph: Graph | None = None) -> None:
         self._nodes: list[Node] = list(graph.nodes) if graph else []
@@ -33,7 +37,7 @@ class NodeStore:
 
     @property
     def size(self) -> int:
-        """The number of nodes."""
+        """The number of nodes stored so far; the next new node gets it as id."""
         return len(self._nodes)
 
     def type(self, node: NodeId) -> Type:
@@ -44,7 +48,9 @@ class NodeStore:
 
     @contextmanager
     def at(self, span: Span | None) -> Generator[None]:
-        """Nodes that are added inside the `with` block get this place in the spec."""
+        """Nodes that are added inside the `with` block get the place `span` in the spec; None
+        leaves the place of the enclosing block.
+        """
         previous, self._span = self._span, span or self._span
         try:
             yield
@@ -52,26 +58,34 @@ class NodeStore:
             self._span = previous
 
     def name(self, node: NodeId, label: str) -> None:
-        """Sets the label of a node: the name of this value in the spec. An existing label stays."""
+        """Sets the label of a node: the name that its value has in the spec. A node that has a
+        label keeps it.
+        """
         if self._nodes[node].label is None:
             self._nodes[node] = replace(self._nodes[node], label=label)
 
     def set_unit(self, node: NodeId, unit: Unit | None) -> None:
-        """Sets the unit of a value whose unit is unknown to the one that the spec declares."""
+        """Gives the unit that the spec declares to a node whose unit is unknown. A known unit
+        remains.
+        """
         current = self._nodes[node]
         # the key of the node does not change, so the same formula, repeated, finds this node
         if current.type.unit is None:
             self._nodes[node] = replace(current, type=current.type.with_unit(unit))
 
     def rename_unit(self, node: NodeId, unit: Unit) -> None:
-        """Writes the unit of a value as the spec does: `W` instead of the derived `V*A`."""
+        """Replaces the unit of a node by an equal one in the form that the spec uses: `W` instead
+        of the derived `V*A`.
+        """
         current = self._nodes[node]
         self._nodes[node] = replace(current, type=current.type.with_unit(unit))
 
     def emit(
         self, op: Op, args: tuple[NodeId, ...], type: Type, span: Span | None = None
     ) -> NodeId:
-        """Returns the node with this operation, operands and type; adds it if there is none."""
+        """Returns the id of the node with operation `op`, operands `args` and this type; adds the
+        node if there is none. A new node gets the place `span`, or that of the enclosing `at`.
+        """
         new = len(self._nodes)
         # a single lookup: hashing the key is as slow as making the node
         index = self._known.setdefault(_key(op, args, type), new)
@@ -84,14 +98,16 @@ _Key = tuple[Op, tuple[NodeId, ...], Type, bytes]
 
 
 def _key(op: Op, args: tuple[NodeId, ...], type: Type) -> _Key:
-    """The key of equal nodes. Constants are compared by their bits, since 0.0 == -0.0."""
+    """The dictionary key by which equal nodes are found. Constants are compared by their bits,
+    since 0.0 == -0.0 although 1/0.0 and 1/-0.0 differ.
+    """
     bits = np.array(op.values).tobytes() if isinstance(op, Constant) else b""
     return op, args, type, bits
 
 
 def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
-    """For every node of the graph, True if it is one of the `wanted` nodes or one of those depends
-    on it.
+    """One flag per node of the graph: True if it is one of the `wanted` nodes or one of them
+    depends on it.
     """
     marked = [False] * len(graph)
     for node in wanted:
@@ -105,7 +121,9 @@ def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
 
 
 def reads_simulation(graph: Graph, value: NodeId) -> bool:
-    """True if the value depends on a simulated input, state or buffer, not only on the log."""
+    """True if the value of the node depends on an input of the step, a state or a buffer, not only
+    on the log, parameters and constants.
+    """
     return any(
         live and isinstance(node.op, ops.ReadSignal | ops.ReadState | ops.Window)
         for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
@@ -113,7 +131,7 @@ def reads_simulation(graph: Graph, value: NodeId) -> bool:
 
 
 def reads_log(graph: Graph, value: NodeId) -> bool:
-    """True if the value depends on recorded data."""
+    """True if the value of the node depends on recorded data (`ReadLog`)."""
     return any(
         live and isinstance(node.op, ops.ReadLog)
         for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
@@ -123,10 +141,11 @@ def reads_log(graph: Graph, value: NodeId) -> bool:
 def needed_over_time(
     step: Graph, following: Mapping[str, NodeId], wanted: Iterable[NodeId]
 ) -> tuple[list[bool], set[str]]:
-    """Like `needed`, but across steps: follows each state to the node of its next value.
+    """Like `needed`, but across steps: a value that depends on a state also depends on the node
+    that computes the state's next value.
 
-    Returns one flag per node of the step, and the names of the states that the wanted values depend
-    on. `following` maps a state to the node of its next value.
+    `following` maps a state to this node. Returns one flag per node of the graph `step`, and the
+    names of the states on which the `wanted` nodes depend.
     """
     marked, names = [False] * len(step), set[str]()
     waiting = list(wanted)
@@ -149,9 +168,11 @@ def needed_over_time(
 def states_beside_the_log(
     step: Graph, following: Mapping[str, NodeId], outputs: Iterable[NodeId]
 ) -> set[str]:
-    """The states that depend on the log and on which no output depends.
+    """The names of the states that depend on recorded data and on which no output depends. They
+    exist in training only.
 
-    They exist in training only. `following` maps a state to the node of its next value.
+    `following` maps a state to the node of its next value in `step`; `outputs` are the output
+    nodes.
     """
     found: set[str] = set()
     while True:
@@ -174,7 +195,7 @@ def states_beside_the_log(
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """The range of samples t+first … t+last that a graph reads of a signal."""
+    """The samples t+first … t+last, the range of all samples of one signal that a graph reads."""
 
     first: int
     last: int
@@ -183,7 +204,7 @@ class Extent:
         return Extent(min(self.first, other.first), max(self.last, other.last))
 
     def text(self, now: str = "t") -> str:
-        """The range as text, such as `t` or `t-4 … t+1`."""
+        """The range as text, such as `t` or `t-4 … t+1`; `now` replaces the letter t."""
         first, last = (
             now + (f"{offset:+d}" if offset else "") for offset in (self.first, self.last)
         )
@@ -191,7 +212,9 @@ class Extent:
 
 
 def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
-    """The samples that the graph reads of each signal: from the log, or as inputs of the step."""
+    """The range of samples that the graph reads, by the name of the signal. `log` selects the reads
+    of recorded samples (`ReadLog`), otherwise those of inputs of the step (`ReadSignal`).
+    """
     wanted = ops.ReadLog if log else ops.ReadSignal
     ranges: dict[str, Extent] = {}
     for _, node in graph:
@@ -203,12 +226,14 @@ def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
 
 
 def parameters_read(graph: Graph) -> frozenset[str]:
-    """Names of the parameters that the graph uses."""
+    """Names of the parameters that the graph reads."""
     return frozenset(n.op.name for _, n in graph if isinstance(n.op, ops.ReadParameter))
 
 
 class CycleError(Exception):
-    """Nodes that depend on each other within one step; each is listed before its user."""
+    """Raised if nodes depend on each other within one step. `nodes` are the nodes of the cycle,
+    each before a node that uses it.
+    """
 
     def __init__(self, nodes: tuple[NodeId, ...]) -> None:
         super().__init__(f"nodes {nodes} need each other")
@@ -216,11 +241,12 @@ class CycleError(Exception):
 
 
 def evaluation_order(graph: Graph, feeds: Mapping[NodeId, NodeId]) -> list[NodeId]:
-    """All nodes of the graph, each after its operands.
+    """The ids of all nodes of the graph, each after its operands, in the order of the graph where
+    that is possible.
 
-    `feeds[reader]` is one more node that must come before the node `reader`. The order of the graph
-    is kept where that is possible. Depth-first search without recursion, in time linear in the
-    number of nodes. Raises CycleError if nodes depend on each other.
+    `feeds[reader]` is one more node that must come before the node `reader`. Depth-first search
+    without recursion, in time linear in the number of nodes. Raises CycleError if nodes depend on
+    each other.
     """
     order: list[NodeId] = []
     waiting, placed = set[NodeId](), [False] * len(graph)
@@ -246,6 +272,9 @@ def evaluation_order(graph: Graph, feeds: Mapping[NodeId, NodeId]) -> list[NodeI
 
 
 def _cycle(stack: list[tuple[NodeId, bool]], node: NodeId) -> tuple[NodeId, ...]:
-    """The nodes of a cycle, from the operand `node` to its user: the reversed path on the stack."""
+    """The nodes of a cycle, each before its user, when the search meets `node` a second time.
+    `stack` is that of `evaluation_order`: nodes, with True for those whose operands are being
+    visited.
+    """
     path = [waiting for waiting, ready in stack if ready]
     return tuple(reversed(path[path.index(node) :]))

@@ -17,8 +17,8 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class StateAdjoint:
-    """∂S/∂(the next value of a state), S the weighted sum of the losses; for a buffer, ∂S/∂(its
-    newest sample).
+    """∂S/∂(the next value of the state `state`), with S the weighted sum of the losses; for a
+    buffer, ∂S/∂(its newest sample).
     """
 
     state: str
@@ -26,21 +26,25 @@ class StateAdjoint:
 
 @dataclass(frozen=True, slots=True)
 class NewestSample:
-    """The sample that the forward step appended to a buffer."""
+    """The sample that the forward step appended to the buffer of this name."""
 
     buffer: str
 
 
 @dataclass(frozen=True, slots=True)
 class KeptRow:
-    """The value of node `node` of the forward step at this time, stored by the forward loop."""
+    """The value that node `node` of the forward step had at this time; the loop over time of the
+    forward steps stored it.
+    """
 
     node: int
 
 
 @dataclass(frozen=True, slots=True)
 class LossScale:
-    """∂S/∂(the sum of a loss over the elements of this step), S the weighted sum of the losses."""
+    """∂S/∂(the sum of a loss over the elements of this step), with S the weighted sum of the
+    losses; `loss` is the name of the loss.
+    """
 
     loss: str
 
@@ -57,7 +61,9 @@ class Relation(Enum):
     GREATER_EQUAL = ">="
 
     def holds(self, left: float, right: float) -> bool:
-        """True if `left relation right`; False if an operand is NaN."""
+        """True if the relation holds between two numbers, such as left < right; False if one is
+        NaN.
+        """
         return _TESTS[self.value](left, right)
 
 
@@ -68,7 +74,7 @@ _TESTS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """A value without operands."""
+    """An operation without operands: a constant or a read."""
 
     arity: ClassVar[int | None] = 0
     """Number of operands; None if it varies."""
@@ -86,21 +92,21 @@ class Constant(Leaf):
 
 @dataclass(frozen=True, slots=True)
 class Read(Leaf):
-    """A value that something outside the graph gives."""
+    """A value from outside the graph: of a parameter, a signal, a state or the training."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadParameter(Read):
-    """The physical value of a parameter, constant over a run."""
+    """The physical value of the parameter `name`, constant during a rollout."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class ReadSamples(Read):
-    """Samples t+first … t+last of a signal.
+    """Samples t+first … t+last of a signal, along the window axis of the node's type.
 
-    Without a window axis in the node's type `first == last` and the value is that one sample.
+    If the type has no window axis, `first == last` and the value is that one sample.
     """
 
     signal: str
@@ -125,14 +131,16 @@ class ReadLog(ReadSamples):
 
 @dataclass(frozen=True, slots=True)
 class ReadState(Read):
-    """The current value of a state."""
+    """The value of the state `name` at t, before the step changes it."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class ReadTraining(Read):
-    """A value that training passes to graphs of derivatives; a program has no such node."""
+    """A value that a training passes to a graph of derivatives. The graphs of a `Program` have no
+    such node.
+    """
 
     value: TrainingValue
 
@@ -152,65 +160,69 @@ class Elementwise:
 
 @dataclass(frozen=True, slots=True)
 class Add(Elementwise):
-    """a + b."""
+    """a + b of its operands a and b, element by element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Subtract(Elementwise):
-    """a − b."""
+    """a − b of its operands a and b, element by element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Multiply(Elementwise):
-    """a · b."""
+    """a · b of its operands a and b, element by element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Divide(Elementwise):
-    """a / b, IEEE 754: x/0 is ±inf, 0/0 is NaN."""
+    """a / b of its operands a and b, element by element, by IEEE 754: x/0 is ±inf, 0/0 is NaN."""
 
 
 @dataclass(frozen=True, slots=True)
 class Negate(Elementwise):
-    """−a."""
+    """−a of its operand a, element by element."""
 
     arity: ClassVar[int | None] = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Minimum(Elementwise):
-    """The smaller operand; NaN if one is NaN; the slope of a tie goes to the first."""
+    """The smaller operand; NaN if one is NaN. If they are equal, the derivative is that of the
+    first.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Maximum(Elementwise):
-    """The larger operand; NaN if one is NaN; the slope of a tie goes to the first."""
+    """The larger operand; NaN if one is NaN. If they are equal, the derivative is that of the
+    first.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Clamp(Elementwise):
-    """min(max(x, low), high) of operands x, low, high; slope 1 in x on the bounds."""
+    """min(max(x, low), high) of operands x, low, high. On the limits the derivative by x is 1."""
 
     arity: ClassVar[int | None] = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Compare(Elementwise):
-    """a relation b, a bool; false where an operand is NaN."""
+    """True where `a relation b` holds, such as a < b; False where an operand is NaN."""
 
     relation: Relation
 
 
 @dataclass(frozen=True, slots=True)
 class Select(Elementwise):
-    """The second operand where the first (a bool) holds, else the third."""
+    """Element by element, the second operand where the first (a bool) is true, else the third."""
 
     arity: ClassVar[int | None] = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Apply(Elementwise):
-    """A scalar function of the table in `scalars.py`, on every element."""
+    """The scalar function `function` of the table in `scalars.py`, applied to each element."""
 
     function: str
 
@@ -219,14 +231,14 @@ class Apply(Elementwise):
 
 @dataclass(frozen=True, slots=True)
 class Identity(Elementwise):
-    """The operand itself, marked for a pass that looks for it."""
+    """The operand unchanged; the node only marks it for a pass that looks for such nodes."""
 
     arity: ClassVar[int | None] = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Dropout(Identity):
-    """The operand; a stage of training leaves elements out at random (`draw_dropout`)."""
+    """The operand unchanged. During training, `draw_dropout` sets elements of it to 0 at random."""
 
     rate: float
     """The probability that an element is dropped, in [0, 1)."""
@@ -236,7 +248,9 @@ class Dropout(Identity):
 
 @dataclass(frozen=True, slots=True)
 class Named(Identity):
-    """The operand under the name of an equation or output: a value of its own for gradients."""
+    """The operand unchanged, marked as the value of the equation or output `name`. Gradients can be
+    taken with respect to this node.
+    """
 
     name: str
 
@@ -246,24 +260,26 @@ class Named(Identity):
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """The operands' numbers, unchanged, at other places."""
+    """The elements of the operands, unchanged, in another arrangement."""
 
     arity: ClassVar[int | None] = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Broadcast(Structure):
-    """The operand repeated along the axes it lacks, in the order of the node's axes (by name)."""
+    """The operand repeated along the axes that it lacks. The node's type lists the axes of the
+    result, matched by name.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Reshape(Structure):
-    """The operand's numbers in the same order under other axes of the same total size."""
+    """The operand's elements in the same order, under other axes of the same total size."""
 
 
 @dataclass(frozen=True, slots=True)
 class Slice(Structure):
-    """Elements start … stop−1 along one axis."""
+    """Elements start … stop−1, counted from 0, along the axis named `axis`, which remains."""
 
     axis: str
     start: int
@@ -272,7 +288,7 @@ class Slice(Structure):
 
 @dataclass(frozen=True, slots=True)
 class Concat(Structure):
-    """The operands one after the other along one axis; the other axes are equal."""
+    """The operands one after the other along the axis named `axis`; their other axes are equal."""
 
     axis: str
 
@@ -284,10 +300,10 @@ class Concat(Structure):
 
 @dataclass(frozen=True, slots=True)
 class Reduction:
-    """A sum over one axis, which disappears.
+    """A sum over the axis named `axis`, which is removed.
 
-    It adds from the first element (the oldest sample of a window) to the last, one after the other,
-    in every backend that promises bits.
+    It adds one element after the other, from the first (the oldest sample of a window) to the last.
+    Every backend that guarantees the bits of the reference interpreter keeps this order.
     """
 
     axis: str
@@ -297,15 +313,18 @@ class Reduction:
 
 @dataclass(frozen=True, slots=True)
 class Sum(Reduction):
-    """Σ over one axis, which disappears: ((e₀ + e₁) + e₂) + …."""
+    """Sum of the operand's elements e₀, e₁, … over one axis, which is removed: ((e₀ + e₁) + e₂) +
+    ….
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Contract(Reduction):
-    """Σ over one axis that both operands have of their product: ((a₀b₀ + a₁b₁) + a₂b₂) + ….
+    """Sum of the products of two operands a and b over one axis that both have: ((a₀b₀ + a₁b₁) +
+    a₂b₂) + ….
 
-    The node's axes are those of both operands without the contracted one; axes that both have are
-    aligned by name, an axis that one lacks is repeated.
+    The node's axes are those of both operands without the contracted one. Axes that both have are
+    matched by name; an axis that one lacks is repeated.
     """
 
     arity: ClassVar[int | None] = 2
@@ -316,10 +335,10 @@ class Contract(Reduction):
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The samples that a buffer state keeps followed by the newest one, the operand.
+    """The samples stored in the buffer `state`, followed by the newest one, the operand.
 
-    The buffer has length n along the window axis, the result n+1, oldest first. The buffer's next
-    value is the result without its first sample, so C keeps it in place.
+    The buffer has n samples along the window axis, the result n+1, oldest first. The buffer's next
+    value is the result without its first sample, so generated C updates it in place.
     """
 
     state: str

@@ -17,7 +17,7 @@ from spec_schema.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """A Gaussian prior: mean and standard deviation of each element of a parameter."""
+    """A Gaussian prior of a parameter: mean and standard deviation, the same for each element."""
 
     mean: float
     std: float
@@ -25,7 +25,7 @@ class Prior:
 
 @dataclass(frozen=True, slots=True)
 class Penalty:
-    """A penalty on one learned array, not differentiable where elements or slices are 0.
+    """A penalty on the parameter `parameter`, not differentiable where elements or slices are 0.
 
     Proximal optimisers handle it apart from the other losses (decision 0215). They use its value,
     but not its derivative.
@@ -39,7 +39,9 @@ class Penalty:
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """A statistic of a signal over the training rows; it initialises a parameter."""
+    """The mean or standard deviation of a signal over the training rows; it initialises a
+    parameter.
+    """
 
     kind: Literal["mean", "std"]
     signal: str
@@ -51,7 +53,9 @@ NodeId = int
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One operation: its operands, the static type of its value and its place in the spec."""
+    """One operation of a graph: the ids of its operands, the static type of its value and its place
+    in the spec.
+    """
 
     op: Op
     args: tuple[NodeId, ...]
@@ -78,8 +82,8 @@ class Graph:
         return iter(enumerate(self.nodes))
 
     def unrepeated(self, node: NodeId) -> NodeId:
-        """The value before it was repeated: follows operands through `Broadcast` nodes; `node`
-        itself if it is none.
+        """The node id of the value before it was repeated: follows operands through `Broadcast`
+        nodes. Returns `node` itself if it is no `Broadcast`.
         """
         while isinstance(self.nodes[node].op, Broadcast):
             (node,) = self.nodes[node].args
@@ -115,11 +119,15 @@ class Fit:
 
     @property
     def array_names(self) -> tuple[str, ...]:
-        """The parameter arrays of the layer that the fit sets."""
+        """The names of the layer's parameter arrays that the fit sets, without the name of the
+        layer.
+        """
         return filter_arrays(self.kind, self.feedthrough)
 
     def sizes(self, target: tuple[Axis, ...]) -> Mapping[str, int]:
-        """The number of elements of each array, for a target with these axes."""
+        """The number of elements of each parameter array of the layer, by its name. `target` are
+        the axes of the target signal.
+        """
         outputs = Type(target).size
         match self.kind:
             case "iir":
@@ -132,7 +140,9 @@ class Fit:
 
 
 def filter_arrays(kind: FilterKind, feedthrough: bool) -> tuple[str, ...]:
-    """The names of the parameter arrays of a filter layer."""
+    """The names of the parameter arrays of a filter layer of this kind; `D` exists only if the
+    argument affects the result in the same step (`feedthrough`).
+    """
     match kind:
         case "iir":
             return ("num", "reflection")
@@ -157,7 +167,9 @@ class Role(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A recorded quantity: an input, or a target that only training reads."""
+    """A recorded quantity: an input, or a target that only losses and validation read. `range` are
+    its declared limits, `on_invalid` is the reaction of deployed code to invalid values.
+    """
 
     name: str
     role: Role
@@ -215,7 +227,7 @@ class LayerMemory:
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """A buffer of past samples of an input or an equation, added by the compiler."""
+    """Origin of a buffer of past samples of an input or an equation, added by the compiler."""
 
     source: str
     """The name of the buffered input or equation."""
@@ -223,7 +235,9 @@ class History:
 
 @dataclass(frozen=True, slots=True)
 class Tape:
-    """Samples up to t+ahead−1 of a signal that a closed loop feeds back; added by `close_loop`."""
+    """Origin of a buffer that `close_loop` adds for an input that a closed loop replaces. It holds
+    the samples up to t+ahead−1 of the signal.
+    """
 
     signal: str
     ahead: int
@@ -264,7 +278,9 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A named result of the step."""
+    """A named result of the step. `predicts` is the recorded sample that it predicts, None for
+    other outputs.
+    """
 
     name: str
     node: NodeId
@@ -277,7 +293,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The range of values that the spec expects of an equation. Nothing is computed for it alone.
+    """The range of values that the spec expects of an equation. No node is computed only for it.
 
     If the step computes several samples of an equation (`e`, `e[t-3]`), each node has its own
     entry.
@@ -291,7 +307,9 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """The source text of a value, shown next to generated code: `travel` = `w - z`."""
+    """The source text of a value, `left` = `right`, shown next to generated code: `travel` = `w -
+    z`.
+    """
 
     left: str
     """A name, `der(x)` or `next(x)`."""
@@ -300,7 +318,9 @@ class Formula:
 
 
 class Measure(Enum):
-    """Reduces errors of a loss to a scalar: a mean over steps, initial points, window and dims."""
+    """The measure that a loss takes of its errors: a scalar, the mean over steps, rollouts, window
+    and dimensions.
+    """
 
     MSE = "mse"
     """Mean of (prediction − target)²."""
@@ -341,19 +361,23 @@ class Loss:
 
     @property
     def measured(self) -> str:
-        """The measure as text, with δ unless it is 1."""
+        """The measure as text for messages, such as `mse`; for another δ than 1 `huber,
+        delta 0.5`.
+        """
         delta = "" if self.delta == 1.0 else f", delta {self.delta:g}"
         return f"{self.measure.value}{delta}"
 
     @property
     def nodes(self) -> tuple[NodeId, ...]:
-        """The nodes of the step that the loss reads."""
+        """The nodes of the step that the loss reads: the prediction, and if they exist the target
+        and the weight of the rows.
+        """
         others = (node for node in (self.target, self.rows) if node is not None)
         return (self.prediction, *others)
 
     def moved(self, copies: Mapping[NodeId, NodeId]) -> Loss:
         """The same loss for a copied graph; `copies` maps node ids of the old graph to those of the
-        new one.
+        new one. Raises KeyError if it lacks a node that the loss reads.
         """
         return replace(
             self,
@@ -364,14 +388,18 @@ class Loss:
 
     @property
     def entry(self) -> str:
-        """The name under `losses:`, or the name of the output for a default loss."""
+        """The name of the loss in the spec's `losses:`, or the name of the output for a default
+        loss.
+        """
         # names of losses have no dot: losses of sub-models are not part of the program (R11)
         return self.name.partition(".")[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """A named dimension of the spec with the labels of its elements; empty without labels."""
+    """A named dimension of the spec; `labels` are the names of its elements, empty
+    without names.
+    """
 
     name: str
     size: int
@@ -387,7 +415,9 @@ class UsedPlugin:
 
 
 def with_plugins(plugins: Sequence[UsedPlugin]) -> str:
-    """` with msnn-example 0.1.0`; empty without plug-ins."""
+    """A text with the names and versions of the plug-ins, such as ` with msnn-example 0.1.0`; empty
+    without plug-ins.
+    """
     named = ", ".join(f"{plugin.package} {plugin.version}" for plugin in plugins)
     return f" with {named}" if named else ""
 
@@ -429,7 +459,9 @@ class Program:
 
     @property
     def made_by(self) -> str:
-        """The version of msnn, and of the plug-ins of the spec, for files made of the program."""
+        """The version of msnn and of the plug-ins that the spec uses, for the heads of generated
+        files.
+        """
         return f"msnn {__version__}{with_plugins(self.plugins)}"
 
     def signal(self, name: str) -> Signal:
@@ -445,5 +477,7 @@ class Program:
         return next(output for output in self.outputs if output.name == name)
 
     def expected_range(self, name: str) -> tuple[float, float] | None:
-        """The expected range of an equation or output; None without one."""
+        """The range (lowest, highest) that the spec expects of the equation `name`; None without
+        one.
+        """
         return next((entry.range for entry in self.expected if entry.name == name), None)

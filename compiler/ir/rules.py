@@ -1,4 +1,6 @@
-"""The rules of operations: how operands align, the type each requires, units of results."""
+"""The rules of operations: how the axes of operands are matched, the type that each operation
+requires, and the unit of its result.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from spec_schema.units.unit import ONE, Unit
 
 
 class AxisConflict(Exception):  # noqa: N818  (a finding to report, not a failure)
-    """Two operands whose axes do not fit. `reason` is a clause of the message, `hint` a repair."""
+    """Raised for two operands, `left` and `right`, whose axes do not fit. `reason` is a clause for
+    the message, `hint` a repair or empty.
+    """
 
     def __init__(
         self, left: tuple[Axis, ...], right: tuple[Axis, ...], reason: str, hint: str = ""
@@ -34,10 +38,11 @@ def _named(axes: tuple[Axis, ...], name: str) -> Axis | None:
 
 
 def _with_window(axes: tuple[Axis, ...], other: tuple[Axis, ...]) -> tuple[Axis, ...]:
-    """Matches an axis of an operand without window to the window of the other operand.
+    """The axes of an operand, with one axis renamed to the window of the other operand if it has
+    none itself.
 
-    The chosen axis is renamed to the window. It is the unnamed axis, or else the last named axis
-    that the other operand lacks, if it has the length of the window. Example: `W * delta.past(30)`.
+    That axis is the unnamed one, or else the last named one that `other` lacks, provided that it
+    has the length of the window. It becomes the last axis. Example: `W * delta.past(30)`.
     """
     window = _named(other, WINDOW)
     if window is None or _named(axes, WINDOW) is not None:
@@ -56,10 +61,11 @@ def _with_window(axes: tuple[Axis, ...], other: tuple[Axis, ...]) -> tuple[Axis,
 def align(
     left: tuple[Axis, ...], right: tuple[Axis, ...]
 ) -> tuple[tuple[Axis, ...], tuple[Axis, ...], tuple[Axis, ...]]:
-    """Returns the axes of an elementwise result, and the operands' axes renamed to fit in them.
+    """Returns the axes of an elementwise result, and the axes of `left` and `right` after a
+    renaming that makes them part of the result.
 
     Renaming preserves the order of elements, except that a new window axis moves to the end. The
-    caller then broadcasts both operands. Raises AxisConflict.
+    caller then broadcasts both operands. Raises AxisConflict if axes of one name differ in length.
     """
     # each operand is compared with the original axes of the other: after a renaming the second
     # search would match the window again
@@ -80,7 +86,7 @@ def twin_axes(left: tuple[Axis, ...], right: tuple[Axis, ...]) -> Axis | None:
 
     An elementwise operation would combine every element of one with every element of the other (an
     outer product), which is rarely intended. None also if the axes match by name or along a window.
-    Raises AxisConflict.
+    Raises AxisConflict if axes of one name differ in length.
     """
     _, left, right = align(left, right)
     for one, other in ((left, right), (right, left)):
@@ -97,13 +103,13 @@ def twin_axes(left: tuple[Axis, ...], right: tuple[Axis, ...]) -> Axis | None:
 def contracted(
     left: tuple[Axis, ...], right: tuple[Axis, ...]
 ) -> tuple[Axis, str, tuple[Axis, ...]]:
-    """For `left @ right`: the summed axes of `left` and `right`, and the axes of the result.
+    """For `left @ right`: returns the summed axis of `left`, the name of its partner in `right`,
+    and the axes of the result.
 
-    Returns the last axis of `left`, the name of its partner in `right`, and the result. A window is
-    always the last axis; the name of an unnamed axis is empty. The partner has the same name, else
-    it is the unnamed axis or the window of the same length. An unnamed last axis also matches a
-    named axis of its length. Raises AxisConflict if no axis fits, if two fit, or if other axes of
-    one name differ in length.
+    The summed axis is the last of `left`. Its partner has the same name, else it is the unnamed
+    axis (name `""`) or the window, if as long. An unnamed last axis also matches a named axis of
+    its length. Raises AxisConflict if no axis fits, if two fit, or if other axes of one name differ
+    in length.
     """
     if not left or not right:
         raise AxisConflict(left, right, "`@` needs an axis to sum on both sides", "use `*`")
@@ -147,7 +153,9 @@ RADIAN = parse_unit("rad")
 
 @dataclass(frozen=True, slots=True)
 class UnitConflict:
-    """Units that do not fit: the operation, an operand's unit and the unit that it requires."""
+    """Units that do not fit: the name of the operation, the unit of an operand and the unit that
+    the operation expects instead.
+    """
 
     operation: str
     found: Unit
@@ -158,12 +166,19 @@ Ruled = tuple[Unit | None, UnitConflict | None]
 
 
 def same_unit(left: Unit, right: Unit) -> bool:
-    """True if values in the two units can be added: equal scale and dimension; rad counts as 1."""
+    """True if values in the two units can be added: equal scale and dimension. An angle in rad
+    counts as dimensionless.
+    """
     return left.same_as(right)
 
 
 def sum_unit(operation: str, left: Unit | None, right: Unit | None) -> Ruled:
-    """Unit of a sum, difference, minimum, comparison or choice of two values."""
+    """Unit of a sum, difference, minimum, comparison or choice of two values, and a conflict or
+    None.
+
+    An unknown unit (None) fits every unit. `operation` is the name for the conflict's message. With
+    a conflict, the unit is None.
+    """
     # an unknown unit becomes the other one: checks are gradual (decision 0007)
     if left is None:
         return right, None
@@ -174,9 +189,8 @@ def sum_unit(operation: str, left: Unit | None, right: Unit | None) -> Ruled:
 
 
 def addition_unit(left: Unit | None, right: Unit | None) -> Ruled:
-    """Unit of a sum.
-
-    K added to degC gives degC; degC + degC gives degC, since half of it is a mean.
+    """Unit of a sum, and a conflict or None. K added to degC gives degC; degC + degC gives degC,
+    since half of it is a mean.
     """
     if left is not None and right is not None:
         for point, other in ((left, right), (right, left)):
@@ -186,7 +200,7 @@ def addition_unit(left: Unit | None, right: Unit | None) -> Ruled:
 
 
 def subtraction_unit(left: Unit | None, right: Unit | None) -> Ruled:
-    """Unit of a difference: degC - degC is K, degC - K is degC.
+    """Unit of a difference, and a conflict or None: degC - degC is K, degC - K is degC.
 
     If the second unit is unknown it may be either, so degC minus an unknown unit is unknown.
     """
@@ -201,12 +215,16 @@ def subtraction_unit(left: Unit | None, right: Unit | None) -> Ruled:
 
 
 def distance_unit(unit: Unit | None) -> Unit | None:
-    """Unit of the distance between two values: K for values in degC."""
+    """Unit of the difference of two values in this unit: K for values in degC. None if it is
+    unknown.
+    """
     return None if unit is None else unit.difference
 
 
 def product_unit(left: Unit | None, right: Unit | None) -> Unit | None:
-    """Unit of a product; a temperature in degC times a dimensionless factor stays in degC."""
+    """Unit of a product; None if a unit is unknown. A temperature in degC times a dimensionless
+    factor stays in degC.
+    """
     if left is None or right is None:
         return None
     for point, other in ((left, right), (right, left)):
@@ -216,7 +234,9 @@ def product_unit(left: Unit | None, right: Unit | None) -> Unit | None:
 
 
 def quotient_unit(left: Unit | None, right: Unit | None) -> Unit | None:
-    """Unit of a quotient; a temperature in degC divided by a dimensionless factor stays in degC."""
+    """Unit of a quotient; None if a unit is unknown. A temperature in degC divided by a
+    dimensionless factor stays in degC.
+    """
     if left is None or right is None:
         return None
     if left.offset != 0.0 and _is_number(right):
@@ -234,7 +254,9 @@ def power_unit(base: Unit | None, exponent: int | Fraction) -> Unit | None:
 
 
 def function_unit(name: str, rule: UnitRule, arguments: tuple[Unit | None, ...]) -> Ruled:
-    """Unit of the value of a scalar function, by the unit rule of its row in the table."""
+    """Unit of the value of the scalar function `name`, and a conflict or None. `rule` is the unit
+    rule of the function, `arguments` are the units of its arguments, None for an unknown one.
+    """
     unit = arguments[0]
     match rule:
         case UnitRule.NUMBER | UnitRule.TO_ANGLE | UnitRule.ANGLE:
@@ -265,7 +287,7 @@ FARTHEST_SAMPLE = 1 << 24
 
 
 def broken_axes(axes: tuple[Axis, ...]) -> str | None:
-    """Returns the reason why these axes are illegal, or None."""
+    """The reason why these axes are illegal, a sentence for a message; None if they are legal."""
     if not axes:
         return None
     names = [axis.name for axis in axes]
@@ -285,9 +307,10 @@ def broken_axes(axes: tuple[Axis, ...]) -> str | None:
 
 
 def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) -> str | None:
-    """Returns the reason why a node is illegal for operands of these types, or None.
+    """The reason why a node is illegal for operands of these types, a sentence for a message; None
+    if it is legal. `sources` has the axes of the signals, parameters and states that it may read.
 
-    Units are not checked: they are labels, which the front end has checked.
+    Units are not checked here: the front end has done so.
     """
     type, axes = node.type, node.type.axes
     reason = broken_axes(axes) or _wrong_count(node, operands)
@@ -352,7 +375,9 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) 
 
 @dataclass(frozen=True, slots=True)
 class AxesOfSources:
-    """Axes of the signals, parameters and states that a graph may read, by name."""
+    """The axes of one sample of the signals, parameters and states that a graph may read,
+    by name.
+    """
 
     signals: Mapping[str, tuple[Axis, ...]]
     parameters: Mapping[str, tuple[Axis, ...]]

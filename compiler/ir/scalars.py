@@ -1,4 +1,6 @@
-"""Lists every scalar function of the language: numpy meaning, derivative, unit rule, spellings."""
+"""The table of the scalar functions of the language: numpy implementation, derivatives, unit rule,
+and names in the backends.
+"""
 
 from __future__ import annotations
 
@@ -33,33 +35,39 @@ Array = NDArray[Any]
 
 
 class Derivative(Protocol):
-    """∂f/∂argument, from the arguments `a` and the function's value `v`."""
+    """∂f/∂(one argument) of a scalar function f, from its arguments `a` and its value `v`. `b` does
+    the arithmetic: by adding nodes to a graph, or on numbers.
+    """
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], v: V, /) -> V: ...
 
 
 class Curvatures(Protocol):
-    """∂²f/∂a², ∂²f/∂a∂b, ∂²f/∂b² of arguments a, b, from these and the function's value `v`."""
+    """∂²f/∂x², ∂²f/∂x∂y and ∂²f/∂y² of a function of two arguments x, y = `a` with the value `v`.
+    `b` does the arithmetic: by adding nodes to a graph, or on numbers.
+    """
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], v: V, /) -> tuple[V, V, V]: ...
 
 
 class FormulaOf(Protocol):
-    """A function expressed by other functions of its arguments `a`."""
+    """A function of the arguments `a`, expressed by other functions. `b` does the arithmetic: by
+    adding nodes to a graph, or on numbers.
+    """
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], /) -> V: ...
 
 
 @dataclass(frozen=True, slots=True)
 class ByFormula:
-    """A definition by a formula of other functions."""
+    """Defines a scalar function by a formula of other functions."""
 
     formula: FormulaOf
 
 
 @dataclass(frozen=True, slots=True)
 class ByKernel:
-    """A definition by the msnn kernel of that name, expanded into core operations."""
+    """Defines a scalar function by the math kernel of this name, expanded into core operations."""
 
     name: str
 
@@ -68,7 +76,7 @@ Definition = ByFormula | ByKernel
 
 
 class UnitRule(Enum):
-    """Gives the unit of a function's value from the units of its arguments."""
+    """The rule that gives the unit of a function's value from the units of its arguments."""
 
     NUMBER = "a dimensionless argument gives a dimensionless value"
     ANGLE = "an angle in rad gives a dimensionless value"
@@ -81,10 +89,10 @@ class UnitRule(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ScalarFunction:
-    """One scalar function.
+    """One scalar function of the language, and its name in each backend.
 
-    `onnx` is None if onnxruntime has no exact double kernel; an empty `torch` or `casadi` means
-    that the backend lacks the function. `definition` is lowered instead. `kernel` names the msnn
+    `onnx` is None if onnxruntime has no exact double kernel. An empty `torch` or `casadi` means
+    that the backend lacks the function. `definition` is lowered instead. `kernel` names the math
     kernel for float32 and C; None means that the function is exact as it is (one IEEE operation).
     `domain` is the sampling range of tests, one interval per argument.
     """
@@ -231,7 +239,7 @@ _ROWS = (
 # fmt: on
 
 SCALAR_FUNCTIONS: dict[str, ScalarFunction] = {row.name: row for row in _ROWS}
-"""The table, by name."""
+"""The table of scalar functions, by name."""
 
 
 SIGNATURES: dict[str, Signature] = {

@@ -41,7 +41,9 @@ def program_text(program: Program) -> str:
 
 
 def node_text(index: int, node: Node) -> str:
-    """Prints one node: its index, type and operation, with its place and name as a comment."""
+    """Prints the node with the id `index`: its type and operation, and as a comment its line in the
+    spec and its label.
+    """
     place = f"line {node.span.line}" if node.span else ""
     comment = " ".join(part for part in (place, node.label or "") if part)
     text = f"%{index}: {_type(node.type)} = {_operation(node)}"

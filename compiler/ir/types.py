@@ -1,4 +1,6 @@
-"""Defines static types of values: axes, window, unit and kind, and their predicted signal."""
+"""The static types of values: named axes, the window, unit and kind; and `Prediction`, the signal
+that an output predicts.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ Kind = Literal["real", "bool"]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One dimension of a value: its name, by which operands are aligned, and its length."""
+    """One dimension of a value: its name, by which the axes of two operands are matched, and its
+    length.
+    """
 
     name: str
     size: int
@@ -28,7 +32,9 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """Axes (C order, window last), unit (None = unknown) and kind (real or bool) of a value."""
+    """The static type of a value: its axes (elements in C order, the window last), its unit (None
+    if unknown) and its kind (real or bool).
+    """
 
     axes: tuple[Axis, ...] = ()
     unit: Unit | None = None
@@ -49,11 +55,11 @@ class Type:
 
     @property
     def window(self) -> int | None:
-        """Length of the time window; None for a single sample."""
+        """Number of samples along the window axis; None for a value without a window."""
         return self.axes[-1].size if self.axes and self.axes[-1].name == WINDOW else None
 
     def axis(self, name: str) -> Axis | None:
-        """The axis of that name, or None."""
+        """The axis of that name; None if there is none."""
         return next((axis for axis in self.axes if axis.name == name), None)
 
     def position(self, name: str) -> int:
@@ -61,17 +67,17 @@ class Type:
         return self.axis_names.index(name)
 
     def with_unit(self, unit: Unit | None) -> Type:
-        """The type with another unit."""
+        """The same type with another unit; None means an unknown one."""
         return Type(self.axes, unit, self.kind)
 
     def with_axes(self, axes: tuple[Axis, ...]) -> Type:
-        """The type with other axes."""
+        """The same unit and kind with other axes."""
         return Type(axes, self.unit, self.kind)
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """The sample `signal[t+ahead]` that an output predicts."""
+    """The sample that an output predicts: sample t+ahead of the signal."""
 
     signal: str
     ahead: int

@@ -38,7 +38,9 @@ LARGEST_TOTAL = 1 << 27
 
 
 class InvalidProgram(AssertionError):  # noqa: N818  (a fact about a program, as in the IR's papers)
-    """A program breaks a rule of the IR; `node` is the illegal node, if one node is at fault."""
+    """A program breaks the rule of the IR that `reason` states. `node` is the illegal node, None if
+    no single node is at fault.
+    """
 
     def __init__(self, reason: str, node: Node | None = None) -> None:
         super().__init__(reason)
@@ -47,15 +49,16 @@ class InvalidProgram(AssertionError):  # noqa: N818  (a fact about a program, as
 
 
 def verify(program: Program) -> None:
-    """Raises InvalidProgram unless all rules hold:
+    """Raises InvalidProgram unless all rules hold, among them:
 
     - names are unique within signals, parameters, states, outputs, losses and dimensions, and every
-    reference names an existing one;
+      reference names an existing one;
     - operands come before their users; each node obeys the rule of its operation (`rules.py`);
-    - `start` reads parameters and the log only; outputs and next values do not read the log,
-      targets of
-    losses read nothing else;
-    - `next` and `start` of a state have the axes of the state; outputs and losses are real-valued.
+    - `start` reads parameters and the log only;
+    - outputs and the states that they need do not read the log; targets of losses read nothing
+      else;
+    - `next` and `start` of a state have the axes of the state; outputs and losses are real-valued;
+    - ranges, bounds, numbers and sizes are within their limits.
     """
     _unique("program", (program.name,))
     if program.sample_time is not None:
@@ -262,7 +265,7 @@ def _check_log_reads(program: Program) -> None:
 
 
 def _reached(graph: Graph, wanted: Sequence[NodeId]) -> Iterable[tuple[NodeId, Node]]:
-    """The nodes that these values depend on."""
+    """The nodes with ids in `wanted` and all nodes that they depend on, as pairs (id, node)."""
     reached = needed(graph, wanted)
     return ((index, node) for index, node in graph if reached[index])
 

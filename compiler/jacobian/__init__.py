@@ -1,1 +1,1 @@
-"""Derives the Jacobian of one step as core operations."""
+"""Derives graphs that compute the Jacobian of one step."""

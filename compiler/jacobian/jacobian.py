@@ -1,4 +1,5 @@
-"""Jacobians of one step: derivatives of next states and outputs by states, inputs, parameters.
+"""Jacobians of one step: the derivatives of next states and outputs by states, inputs and
+parameters.
 
 For x' = f(x, u, p), y = h(x, u, p) the matrices are A = ∂x'/∂x, B = ∂x'/∂u, C = ∂y/∂x, D = ∂y/∂u,
 and on request ∂x'/∂p and ∂y/∂p. The vector x is the whole memory of the step: declared states and
@@ -40,7 +41,8 @@ def jacobian(
     declared_only: bool = False,
     feedthrough_only: bool = False,
 ) -> Jacobian:
-    """The Jacobian of a program in step form; with `parameters` also by the parameters of the step.
+    """The Jacobian of a program in step form: the matrices A, B, C and D, with `parameters` also
+    ∂x'/∂p and ∂y/∂p.
 
     With `declared_only` the vector x contains only declared states; other memory counts as
     constant. With `feedthrough_only` x is empty and D is the only matrix.
@@ -105,7 +107,9 @@ def _is_asked_for(leaf: Leaf, parameters: bool, states: Collection[str]) -> bool
 
 
 def _read(program: Program, roots: Sequence[NodeId]) -> tuple[Vector, Vector]:
-    """Inputs and parameters that the step reads, in the program's order."""
+    """The inputs and the parameters that the nodes `roots` depend on, as vectors u and p in the
+    program's order.
+    """
     marked = needed(program.step, roots)
     live = [node for index, node in program.step if marked[index]]
     ports = {n.op.signal: n.type for n in live if isinstance(n.op, ReadSignal)}
@@ -116,11 +120,13 @@ def _read(program: Program, roots: Sequence[NodeId]) -> tuple[Vector, Vector]:
 
 
 Slopes = tuple[dict[NodeId, NodeId], ...]
-"""For each element its gradients by part nodes, in the axes of the part; absent where 0."""
+"""For each element, the nodes of its gradients with respect to part nodes, by these; in the axes of
+the part, absent if 0."""
 
 
 def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Graph, Slopes]:
-    """The gradients of all elements with respect to these parts, and the graph of their nodes.
+    """For each element, its gradients with respect to the nodes `parts`, and the graph of all
+    gradient nodes.
 
     Reverse mode, one pass per element. The graph reads the leaves directly and contains no known
     zeros.
@@ -156,7 +162,9 @@ def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Gra
 def _with_leaves(
     graph: Graph, parts: dict[NodeId, LeafSlice], wanted: Sequence[NodeId]
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """Rebuilds the wanted nodes on slices of leaves instead of the part nodes."""
+    """Rebuilds the wanted nodes, with reads and slices of leaves instead of the nodes `parts`.
+    Returns the graph and the new ids by the old ones.
+    """
     live = needed(graph, wanted)
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
@@ -176,9 +184,11 @@ def matrix_of(
     parts: dict[NodeId, LeafSlice],
     builder: GraphBuilder,
 ) -> Matrix:
-    """The matrix whose row i consists of the gradients i, each in the columns of its part.
+    """The matrix whose row i consists of the gradients `slopes[i]`, each in the columns of its
+    part.
 
-    Sums for overlapping parts of a leaf are added to the builder.
+    `parts` describes which elements of a leaf a part node reads. Sums for overlapping parts of a
+    leaf are added to the builder.
     """
     entries = _Entries(builder, rows, columns, parts)
     for row, by_part in enumerate(slopes):
@@ -201,7 +211,9 @@ def matrix_of(
 
 
 def moving_nodes(graph: Graph) -> list[bool]:
-    """For every node, True if it depends on states or inputs."""
+    """One flag per node: True if it depends on states or inputs, not only on parameters and
+    constants.
+    """
     found: list[bool] = []
     for _, node in graph:
         reads = isinstance(node.op, ReadState | ReadSignal)
@@ -241,7 +253,7 @@ class _Entries:
                 self._store(reduce(self._builder.add, numbers), [place], ())
 
     def _element(self, value: NodeId, number: int) -> NodeId:
-        """One element of a value; `number` counts in C order."""
+        """The node of one element of a value; `number` is its index in C order."""
         b = self._builder
         for axis in reversed(b.type(value).axes):
             number, index = divmod(number, axis.size)
@@ -261,7 +273,7 @@ class _Entries:
 
 
 def _name_in(vector: Vector, leaf: Leaf) -> str | None:
-    """The member of the vector that a leaf reads, or None."""
+    """The name of the quantity that a leaf reads, if the vector contains it; else None."""
     match vector.letter, leaf:
         case ("x", ReadState(name)) | ("u", ReadSignal(name)) | ("p", ReadParameter(name)):
             return name if any(member.name == name for member in vector.members) else None
@@ -270,7 +282,10 @@ def _name_in(vector: Vector, leaf: Leaf) -> str | None:
 
 
 class JacobianInterpreter:
-    """Evaluates the Jacobian of a program with weights, as `Interpreter` evaluates the program."""
+    """Evaluates the Jacobian of a program with numpy, as `Interpreter` evaluates the program.
+    `weights` are physical arrays by name; a missing one is the parameter's initial value. Raises
+    ValueError as `Interpreter` does.
+    """
 
     def __init__(
         self,
@@ -295,7 +310,10 @@ class JacobianInterpreter:
     def matrices(
         self, log: Mapping[str, Array], t: ArrayLike, states: Mapping[str, Array]
     ) -> dict[str, Array]:
-        """The matrices by name, (B, rows, columns), of the steps at rows t from these states."""
+        """The matrices by name, arrays (B, rows, columns), for steps at the rows `t` of the log
+        (one per member) from `states`, arrays (B, *shape). Raises IndexError for rows outside the
+        log.
+        """
         values = self._interpreter.step(log, t, states, losses=False).outputs
         members = len(np.atleast_1d(np.asarray(t)))
         dtype = self._interpreter.dtype

@@ -1,4 +1,6 @@
-"""Matrices of derivatives: the quantities of rows and columns, and known or computed entries."""
+"""Matrices of derivatives: the quantities of their rows and columns, and their constant or computed
+entries.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A quantity in a vector; its elements are in C order of its axes."""
+    """A quantity within a stacked vector; its elements are in C order of its axes."""
 
     name: str
     axes: tuple[Axis, ...]
@@ -31,7 +33,9 @@ class Member:
 
 @dataclass(frozen=True, slots=True)
 class Vector:
-    """A stacked vector of quantities, and its letter in textbooks (x, u, y, p)."""
+    """A vector of quantities one after the other, with its usual letter: x (states), u (inputs), y
+    (outputs) or p (parameters).
+    """
 
     letter: str
     members: tuple[Member, ...]
@@ -41,7 +45,7 @@ class Vector:
         return sum(member.size for member in self.members)
 
     def member(self, name: str) -> Member:
-        """The quantity of that name."""
+        """The quantity of that name. Raises StopIteration if the vector has none."""
         return next(member for member in self.members if member.name == name)
 
 
@@ -49,7 +53,9 @@ Quantity = tuple[str, tuple[Axis, ...], Unit | None]
 
 
 def vector_of(letter: str, quantities: Iterable[Quantity]) -> Vector:
-    """The vector of these quantities, given by name, axes and unit."""
+    """The vector of these quantities in order; each is a tuple (name, axes, unit). `letter` is its
+    usual letter, such as x.
+    """
     members: list[Member] = []
     for name, axes, unit in quantities:
         first = members[-1].first + members[-1].size if members else 0
@@ -58,7 +64,9 @@ def vector_of(letter: str, quantities: Iterable[Quantity]) -> Vector:
 
 
 def by_name(vector: Vector, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Splits a vector into its quantities; `values` are (rows, size)."""
+    """Splits stacked vectors into their quantities: `values` are (rows, size), each result is
+    (rows, *shape), by name.
+    """
     return {
         m.name: values[:, m.first : m.first + m.size].reshape(-1, *Type(m.axes).shape)
         for m in vector.members
@@ -67,7 +75,9 @@ def by_name(vector: Vector, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 @dataclass(frozen=True, slots=True)
 class MatrixBlock:
-    """Computed entries: element (i, j, …) of the node is entry offset + Σ stride · index."""
+    """Computed entries of a matrix: element (i, j, …) of the node is the entry with the row-major
+    index offset + Σ stride · index.
+    """
 
     node: NodeId
     offset: int
@@ -76,14 +86,14 @@ class MatrixBlock:
     """True if the entry can be infinite for finite states, inputs and parameters."""
 
     def places(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
-        """For each element of the node, in its shape, the index of its entry in the matrix
-        (row-major).
+        """For each element of the node, which has this shape, the row-major index of its entry in
+        the matrix.
         """
         return strided_places(self.offset, shape, self.strides)
 
 
 def strided_places(offset: int, shape: Sequence[int], strides: Sequence[int]) -> NDArray[np.int64]:
-    """The index offset + Σ stride · index of every element of an array of this shape."""
+    """An array of this shape with the value offset + Σ stride · index for every element."""
     grid = np.array(offset)
     # adds one axis per iteration until the result has the shape of the array
     for size, stride in zip(shape, strides, strict=True):
@@ -93,7 +103,9 @@ def strided_places(offset: int, shape: Sequence[int], strides: Sequence[int]) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Matrix:
-    """Derivatives of the rows by the columns; entry (i, j) has index i · columns + j."""
+    """The derivatives of the quantities `rows` by the quantities `columns`. Entry (i, j) has the
+    row-major index i · columns + j.
+    """
 
     name: str
     rows: Vector
@@ -115,21 +127,21 @@ class Matrix:
 
     @property
     def nodes(self) -> list[NodeId]:
-        """The nodes of the computed entries."""
+        """The nodes of the computed entries, one per block."""
         return [block.node for block in self.blocks]
 
     @property
     def perhaps_infinite(self) -> tuple[MatrixBlock, ...]:
-        """The blocks with entries that can be infinite for finite operands."""
+        """The blocks with entries that can be infinite although all states, inputs and parameters
+        are finite.
+        """
         return tuple(block for block in self.blocks if block.can_be_infinite)
 
     def filled(
         self, values: Mapping[NodeId, NDArray[Any]], members: int, dtype: np.dtype[Any]
     ) -> NDArray[Any]:
-        """The matrices (members, rows, columns), from the `values` (members, *shape) of the
-        computed nodes.
-
-        Constant entries are added.
+        """The matrices of all members, (members, rows, columns), from the `values` (members,
+        *shape) of the computed nodes. Constant entries are filled in.
         """
         numbers = [0.0 if number is None else number for number in self.known]
         # entries without a block are equal in all members
@@ -143,7 +155,9 @@ class Matrix:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jacobian:
-    """Matrices, and the graph that computes their entries from the reads of a step."""
+    """The matrices of a Jacobian, the vectors of their rows and columns, and the graph that
+    computes their entries.
+    """
 
     graph: Graph
     matrices: tuple[Matrix, ...]
@@ -154,5 +168,5 @@ class Jacobian:
 
     @property
     def roots(self) -> list[NodeId]:
-        """The nodes of all computed entries."""
+        """The nodes of all computed entries of all matrices."""
         return [node for matrix in self.matrices for node in matrix.nodes]

@@ -28,7 +28,8 @@ Leaf = ops.ReadState | ops.ReadSignal | ops.ReadParameter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeafSlice:
-    """A part of a value that the graph reads: some axes of the leaf are fixed at an index.
+    """A part of a state, signal or parameter (the leaf) that a node of `Elements.graph` represents:
+    some axes of the leaf are fixed at an index.
 
     Element (i, j, …) of the part is element offset + Σ stride · index of the leaf in C order.
     """
@@ -42,7 +43,9 @@ class LeafSlice:
     strides: tuple[int, ...]
 
     def read(self, builder: GraphBuilder) -> NodeId:
-        """The part as a slice of its leaf."""
+        """The node of the part in another graph: a read of the leaf, followed by the selection of
+        its elements.
+        """
         value = builder.emit(self.leaf, (), self.whole)
         for name, index in self.fixed:
             value = builder.element(value, name, index)
@@ -50,13 +53,13 @@ class LeafSlice:
 
     @property
     def numbers(self) -> list[int]:
-        """For each element of the part, its index in the leaf, counted in C order."""
+        """For each element of the part, its index among the elements of the leaf in C order."""
         return strided_places(self.offset, self.type.shape, self.strides).ravel().tolist()
 
 
 @dataclass(frozen=True, slots=True)
 class Elements:
-    """A graph in which every wanted element is a separate node."""
+    """A graph in which every wanted element of other values is a separate node."""
 
     graph: Graph
     nodes: tuple[NodeId, ...]
@@ -68,7 +71,7 @@ class Elements:
 def single_elements(graph: Graph, wanted: Iterable[tuple[NodeId, Fixed]]) -> Elements:
     """A graph in which every wanted element of values of `graph` is a node of its own.
 
-    An element is given by its node and the indices of its fixed axes. A window over a buffer
+    An element is a pair of its node and its fixed axes, each with an index. A window over a buffer
     becomes the samples of the state followed by the newest sample.
     """
     wanted = list(wanted)
@@ -91,7 +94,9 @@ def single_elements(graph: Graph, wanted: Iterable[tuple[NodeId, Fixed]]) -> Ele
 
 
 def every_element(type: Type) -> list[Fixed]:
-    """All elements of a value, in C order."""
+    """All elements of a value in C order; each has an index for every axis, as pairs (axis name,
+    index).
+    """
     names = type.axis_names
     return [tuple(zip(names, index, strict=True)) for index in np.ndindex(*type.shape)]
 
@@ -112,7 +117,9 @@ class _Element:
         return self.node.type.with_axes(tuple(a for a in self.node.type.axes if a.name not in at))
 
     def operands(self) -> list[tuple[NodeId, Fixed]]:
-        """The elements of operands that it depends on, in the order in which `_Made` uses them."""
+        """The elements of operands on which this element depends, as pairs (node, fixed axes), in
+        the order in which `_Made` uses them.
+        """
         node, at = self.node, dict(self.fixed)
         match node.op:
             case ops.Leaf():
@@ -149,7 +156,9 @@ class _Element:
         raise AssertionError("an index is below the sum of the parts' lengths")
 
     def _before_reshape(self, operand: NodeId) -> Fixed:
-        """The operand's fixed axes, if all axes are fixed or the reshape only renames axes."""
+        """The fixed axes of the operand of a reshape. Empty (the whole operand) if some axes are
+        free and the reshape does more than rename axes.
+        """
         before, after, at = self.graph[operand].type, self.node.type, dict(self.fixed)
         if len(at) == len(after.axes):
             # the C-order index of an element is the same before and after
@@ -168,7 +177,9 @@ class _Element:
 
 
 class _Made:
-    """The new graph under construction."""
+    """The new graph while `single_elements` builds it: `known` has the new node of each element
+    (node, fixed axes) of the old graph.
+    """
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
@@ -235,7 +246,9 @@ class _Made:
         return node
 
     def _reshaped(self, element: _Element, operand: NodeId) -> NodeId:
-        """Reshapes the element, or the whole operand followed by the selection of the element."""
+        """The node of an element of a reshape. `operand` is the corresponding element of its
+        operand, or the whole operand, from which the element is then selected.
+        """
         b = self.builder
         if b.type(operand).size == element.type.size:
             return b.reshape(operand, element.type.axes)
@@ -258,9 +271,9 @@ class _Made:
 
 
 def _stand_in(part: LeafSlice) -> ops.Op:
-    """A leaf that replaces one part of a leaf during differentiation.
+    """A leaf with a name of its own that replaces one part of a leaf during differentiation.
 
-    Each part has its own, so that its gradient does not include other parts.
+    Without it, the gradient with respect to the part would include that of other parts.
     """
     place = ",".join(f"{name}={index}" for name, index in part.fixed)
     name = f"{part.leaf!r}[{place}]"

@@ -1,4 +1,6 @@
-"""Finds derivatives that are always 0, and removes operations with a known 0 or 1."""
+"""Finds structural zeros of values, and removes operations with a constant 0 or 1 from graphs of
+derivatives.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,11 @@ from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Type
 
 Marks = NDArray[np.float64]
-"""0 where an element is structurally 0, otherwise positive."""
+"""An array of marks: 0 for structural zeros, positive for other elements."""
 
 
 def nonzero_elements(graph: Graph, values: Iterable[NodeId]) -> dict[NodeId, NDArray[np.bool_]]:
-    """For each value, in the shape of its axes, False where the formula makes the element 0.
+    """For each of the nodes `values`, a mask in the shape of its axes: False for structural zeros.
 
     Zeros originate in constants and propagate through products, sums and structural operations.
     Values that are read count as nonzero, and 0 · ∞ as 0.
@@ -35,7 +37,9 @@ def nonzero_elements(graph: Graph, values: Iterable[NodeId]) -> dict[NodeId, NDA
 
 
 def _marks(graph: Graph, node: Node, marks: list[Any]) -> Marks:
-    """The marks of a node, (1, *shape)."""
+    """An array (1, *shape), 0 for structural zeros of the node, otherwise positive. `marks` has
+    those of earlier nodes, by id.
+    """
     of = [marks[arg] for arg in node.args]
     match node.op:
         case ops.Constant(values):
@@ -61,7 +65,8 @@ def _marks(graph: Graph, node: Node, marks: list[Any]) -> Marks:
 def without_zeros(
     graph: Graph, roots: Sequence[NodeId], builder: GraphBuilder, *, exact: int = 0
 ) -> dict[NodeId, NodeId]:
-    """Copies the nodes that the roots depend on into the builder; returns the new id of each root.
+    """Copies the nodes that the roots depend on into the builder, without operations on a constant
+    0 or 1; returns the new id of each root.
 
     0 · x becomes 0 and x + 0 becomes x for every x, which is right for structurally zero
     derivatives. Values with guaranteed bits must not be simplified this way, since 0 · ∞ and the
@@ -84,7 +89,9 @@ def without_zeros(
 
 
 def known_number(graph: GraphBuilder, node: NodeId) -> float | None:
-    """The common value of all elements, if they are one known constant; otherwise None."""
+    """The value of a constant whose elements are all equal, also after `Broadcast`, `Reshape` or
+    `Slice`; None for any other node.
+    """
     found = graph.node(node)
     while isinstance(found.op, ops.Broadcast | ops.Reshape | ops.Slice):
         found = graph.node(found.args[0])

@@ -31,7 +31,8 @@ Array = NDArray[Any]
 
 @cache
 def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
-    """A small set of arguments that together reach all outcomes that any candidate reaches.
+    """A small set of arguments of the kernel `name` in the format `real` that together take both
+    sides of its branches, as far as any candidate does. Each element is one tuple of arguments.
 
     Candidates are at, below and above every constant of a comparison, across all exponents, and
     infinity and NaN.
@@ -51,11 +52,15 @@ def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
 
 
 _BESIDES = {"pow": ((-math.inf, 1.5),)}
-"""The C code moves the selection of pow's sign into a branch, which adds an outcome."""
+"""Additional arguments: the C code moves the selection of pow's sign into a branch, which adds an
+outcome."""
 
 
 def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
-    """A boolean array (outcomes, points): True where a point reaches the outcome of a condition."""
+    """A boolean array (outcomes, points), with two outcomes per condition of the routine `traced`:
+    True where a point of `points`, an array (points, arguments), has the outcome. Outcomes that no
+    point has are omitted.
+    """
     reached: dict[Outcome, NDArray[np.bool_]] = {}
 
     def note(outcome: Outcome, elements: NDArray[np.bool_]) -> None:
@@ -68,7 +73,9 @@ def _outcomes(traced: Routine, points: Array) -> NDArray[np.bool_]:
 
 
 def _candidates(traced: Routine) -> Array:
-    """The candidate arguments; simple numbers come first, so that ties select them."""
+    """The candidate values for each argument of the routine `traced`, an array of its format.
+    Simple numbers come first, so that they are preferred among equally good ones.
+    """
     dtype = traced.format.dtype
     limits = np.finfo(dtype)
     compared = np.array(sorted(set(_compared(traced.body))), dtype)
@@ -89,7 +96,9 @@ def _candidates(traced: Routine) -> Array:
 
 
 def _compared(block: Block) -> Iterator[float]:
-    """The real constants in comparisons."""
+    """The real constants that occur in comparisons of the block's statements, also in called
+    subroutines and in branches.
+    """
     for statement in block.statements:
         match statement:
             case Assign(target, Binary() as operation) if target.kind is ValueKind.TRUTH:

@@ -1,4 +1,4 @@
-"""Expands a kernel into core operations, for backends without an exact function."""
+"""Expands a math kernel into core operations, for backends that lack an exact function."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ from compiler.kernels.trace.statements import (
 
 
 def expand_kernel(builder: GraphBuilder, name: str, args: tuple[NodeId, ...]) -> NodeId:
-    """The double version of the kernel as nodes, one per statement.
+    """Adds the double version of the kernel `name` to the graph, one node per operation, for the
+    argument nodes `args`. Returns the node of the result.
 
-    A branch becomes a `Select` of both computed values. Raises ValueError for a kernel that needs
-    integers (exp, sin and kernels that call them), which the core operations lack.
+    A branch becomes a `Select` between the results of both sides. Raises ValueError for a kernel
+    that needs integers (exp, sin and kernels that call them), which the core operations lack.
     """
     kernel = routine(name, "double")
     values: dict[int, _Value] = {}

@@ -1,4 +1,6 @@
-"""Lists the kernels, with the accuracy that docs/kernels.md shows to hold, and evaluates them."""
+"""Lists the math kernels with their error bounds, which docs/kernels.md confirms by measurement,
+and evaluates them on numpy arrays.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ SQRT = Subroutine("sqrt", ("x",), "Square root, correctly rounded.", _sqrt)
 
 @dataclass(frozen=True, slots=True)
 class MathKernel:
-    """A scalar function of reals; `error` is the maximum of |value − exact| in ulp."""
+    """A math kernel: a scalar function of one or two reals. `error` is the maximum of |value −
+    exact| in ulp, `domain` describes the arguments in words.
+    """
 
     name: str
     arity: int
@@ -79,8 +83,8 @@ def evaluate(name: str, *arrays: NDArray[Any]) -> NDArray[Any]:
     """Evaluates the kernel on arrays of one dtype, float32 or float64, broadcast together.
 
     float32 gives the bits of the generated C, except for the payload of NaN. Overflow, underflow
-    and invalid arguments are silent, as in C. Raises TypeError for other dtypes and KeyError for a
-    name that is not in `KERNELS`.
+    and invalid arguments are silent, as in C. Raises TypeError for other dtypes or a wrong number
+    of arrays, and KeyError for a name that is not in `KERNELS`.
 
         >>> evaluate("tanh", np.array([0.0, 30.0], dtype=np.float32))
         array([0., 1.], dtype=float32)
@@ -100,5 +104,7 @@ def evaluate(name: str, *arrays: NDArray[Any]) -> NDArray[Any]:
 
 
 def routine(name: str, real: RealName) -> Routine:
-    """The statements of a kernel in one format, for code generators."""
+    """The statements of the kernel `name` in the format `real`, for code generators. Raises
+    KeyError for an unknown name.
+    """
     return trace(KERNELS[name].subroutine, FORMATS[real])

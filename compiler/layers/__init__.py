@@ -1,4 +1,6 @@
-"""Layers: composite operations that expand into core operations, one file each."""
+"""The layers of the language, one file each: composite operations that expand into core
+operations.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,16 @@ LAYERS: Mapping[str, str] = {
     "StateSpace": "state_space",
     "SavitzkyGolay": "savitzky_golay",
 }
-"""The file of every kind of layer, by the name of the class of its settings, which is loaded as
-late. Its rule has the file's name in capitals. A file is loaded with the first layer of its kind:
-most specs have one kind or none."""
+"""The file of each kind of layer, by the name of the class of its settings. The rule in the file
+has the file's name in capitals. A file is imported with the first layer of its kind, since most
+specs have one kind or none."""
 
 
 @cache
 def rule_of(settings: type[Entry]) -> AnyRule:
-    """The rule of the layers with settings of this class."""
+    """The rule, an object with the functions that read and expand a layer, for layers whose
+    settings have this class. The file of the layer is imported first.
+    """
     for line in registry.LAYERS:
         if line.entry.kind is settings:
             # specs without plug-ins do not need it

@@ -1,4 +1,4 @@
-"""Applies a learned affine map to one axis of a value, as several layers do."""
+"""A learned affine map along one axis of a value, which several layers use."""
 
 from __future__ import annotations
 
@@ -15,21 +15,25 @@ from spec_schema.sections.values import Initializer
 
 @dataclass(frozen=True, kw_only=True)
 class Affine:
-    """y[o] = Σᵢ W[o, i] · x[i] (+ b[o]) for every sample and every other axis of x."""
+    """y[o] = Σᵢ W[o, i] · x[i] (+ b[o]), with i one axis of the value x and o the axes `out`. The
+    map is the same for every sample and along every other axis of x.
+    """
 
     weight: str
     """Name of W within the layer."""
     bias: str | Located[str] | None
-    """Name of b within the layer or of a parameter, None for a map without one."""
+    """Name of b within the layer, or the parameter that is b; None for a map without b."""
     out: tuple[Axis, ...]
     init: Initializer | None
     """Initial weights; by default uniform in ±`bound`."""
     bound: float
     given: Located[str] | None = None
-    """The parameter that W is, instead of an array of the layer."""
+    """The parameter that is W; None if W is an array of the layer."""
 
     def of(self, context: LayerContext, value: NodeId, summed: Axis) -> NodeId:
-        """The map of a value along one of its axes."""
+        """The node y for the node x = `value`, summed over its axis `summed`. Reports an argument
+        that has an axis of `out` besides, and raises LoweringFailed.
+        """
         builder = context.builder
         if summed in self.out:  # from a dimension to itself: the inner one gets another name
             inner = context.own_axis(f"{self.weight}.in", summed.size)

@@ -21,13 +21,14 @@ from spec_schema.sections.values import Function
 def equation_learner(
     context: LayerContext, settings: EquationLearner, arguments: Arguments
 ) -> NodeId:
-    """y = V [f₁(z₁), f₂(z₂, z₃), …] + c with z = W x + b: as many z as the functions take.
+    """y = V [f₁(z₁), f₂(z₂, z₃), …] + c with z = W x + b, where z has as many elements as the
+    functions f have arguments.
 
     x is as in `linear`. `functions` are functions of the language (`sin`, `tanh`, `max`, …) or of
     the spec, and `identity`, `neg`, `square`, `add`, `sub`, `mul`; each takes the next elements of
-    z. `out` is the axis of y; with `mix: false` the value is [f₁, f₂, …] itself. Arrays:
-    `weight_in`, `bias_in`, `weight_out`, `bias_out`; weights are initially uniform in ±1/n for n
-    summed elements, biases (off with `bias: false`) 0. (Martius and Lampert 2016.)
+    z. `out` is the axis of y; with `mix: false` the value is [f₁, f₂, …] itself. The arrays W, b,
+    V, c are called `weight_in`, `bias_in`, `weight_out`, `bias_out`. Weights are initially uniform
+    in ±1/n for n summed elements, biases (none with `bias: false`) 0. (Martius and Lampert 2016.)
     """
     (value,) = arguments
     builder = context.builder
@@ -68,7 +69,7 @@ _OPERATORS: dict[str, tuple[int, _Operator]] = {
     "sub": (2, lambda builder, z: builder.subtract(*z)),
     "mul": (2, lambda builder, z: builder.multiply(*z)),
 }
-"""What the functions of the language do not have a name for: number of operands and meaning."""
+"""Functions that have no name in the language: their number of operands and their lowering."""
 
 
 def _term(context: LayerContext, function: Located[str], operands: list[NodeId]) -> NodeId:

@@ -12,14 +12,15 @@ from spec_schema.sections.layer_kinds import Fir
 
 
 def fir(context: LayerContext, settings: Fir, arguments: Arguments) -> NodeId:
-    """y[o, e] = Σₖ W[o, e, k] · x[e, t−n+1+k] (+ b[o, e]); weights oldest sample first.
+    """y[o, e] = Σₖ W[o, e, k] · x[e, t−n+1+k] (+ b[o, e]), with k = 0 … n−1: the weights (taps) of
+    the oldest sample come first.
 
-    The argument has a window of n samples, its own or that of `window:`; each element e of a vector
-    input has its own row of taps and `out` adds an axis o. Arrays: `weight`, and `bias` (off unless
-    asked for, initially 0). The default initial taps are uniform in ±1/(2n): a loop closed over the
-    filter is stable whatever the draw, since Σ|W| ≤ 1/2. `weight: W` and `bias: b` take named
-    parameters of these axes instead, which other layers can share. `dropout` leaves out elements
-    of y.
+    The argument x has a window of n samples, its own or that of `window:`. Each element e of a
+    vector has its own taps; `out` adds an axis o. The arrays W and b are called `weight` and
+    `bias`; the bias exists only with `bias: true` and is initially 0. The default initial taps are
+    uniform in ±1/(2n): a loop closed over the filter is stable for any draw, since Σ|W| ≤ 1/2.
+    `weight: W` and `bias: b` take named parameters of these axes instead, which other layers can
+    share. `dropout` is the share of elements of y that training drops at random.
     """
     (window,) = arguments
     builder = context.builder

@@ -1,4 +1,6 @@
-"""`fuzzify`: how much a scalar belongs to each of several fuzzy sets, or a grid of them."""
+"""`fuzzify`: the degree of membership of a scalar in each of several fuzzy sets, or in a grid of
+them.
+"""
 
 from __future__ import annotations
 
@@ -27,19 +29,20 @@ from spec_schema.units.unit import Unit
 
 
 def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> NodeId:
-    """μ[i] of a scalar x, one degree of membership for each of the ascending `centers`.
+    """μ[i] of a scalar x: its degree of membership in the fuzzy set around each of the ascending
+    `centers` cᵢ.
 
-    `membership:` triangular (hat functions that sum to 1, 1 beyond the ends), rectangular (1
-    between the bounds half-way to the neighbours, the lower one inclusive), gaussian
-    (exp(−((x − cᵢ) / wᵢ)² / 2), wᵢ half the mean distance to the neighbours), or
-    `{function: f}`: f(x − cᵢ) of a function of the spec. With `learn: true` the centres are learned
-    and stay in order; arrays: `first`, `gaps`, and `widths` of gaussian sets.
+    `membership: triangular` are hat functions that sum to 1, constantly 1 beyond the ends.
+    `rectangular` is 1 between the bounds half-way to the neighbours, the lower one inclusive.
+    `gaussian` is exp(−((x − cᵢ) / wᵢ)² / 2), with wᵢ half the mean distance to the neighbours.
+    `{function: f}` is f(x − cᵢ) of a function of the spec. With `learn: true` the centres are
+    learned and stay in order, as arrays `first` and `gaps`; `widths` are those of gaussian sets.
 
     `over: [phi, psi]` with `combine: product` makes a grid of other fuzzify layers, called with one
     value for each of them: φᵢ(x) · ψⱼ(y), with the axes of both.
 
-    `NAME.centers` are the centres cᵢ as a value, along `dim`, in the unit of what the layer is
-    called with; `NAME.offset(x)` is x − cᵢ, with the window of x. A grid has neither of its own.
+    `NAME.centers` are the centres cᵢ as a value, along `dim`, in the unit of the layer's argument;
+    `NAME.offset(x)` is x − cᵢ, with the window of x. A grid has neither.
     """
     if settings.over:
         return _grid(context, settings, arguments)
@@ -73,7 +76,9 @@ def _offset(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> N
 
 
 def _centers(context: LayerContext, settings: Fuzzify) -> NodeId:
-    """The centres uncalled: in the unit of a call of the layer, wherever it stands in the spec."""
+    """The node of `NAME.centers`, in the unit with which the layer is called anywhere in
+    the spec.
+    """
     _refuse_grid(context, settings)
     stores, name = context.stores, context.name
     stores.read_uncalled.add(name)
@@ -83,7 +88,7 @@ def _centers(context: LayerContext, settings: Fuzzify) -> NodeId:
 
 
 def _sets(context: LayerContext, settings: Fuzzify, value: NodeId) -> FuzzySets:
-    """A value beside the centres, which are in its unit."""
+    """The argument `value` of the layer together with the centres, which have its unit."""
     unit = context.builder.type(value).unit
     if unit is not None:
         # the unit of the first call, which `NAME.centers` has wherever it stands
@@ -94,7 +99,9 @@ def _sets(context: LayerContext, settings: Fuzzify, value: NodeId) -> FuzzySets:
 def _along_the_sets(
     context: LayerContext, settings: Fuzzify, unit: Unit | None
 ) -> tuple[Axis, NodeId]:
-    """The axis of the sets and the centres along it, numbers or learned."""
+    """The axis of the fuzzy sets, and the node of their centres along it, constant or learned, in
+    `unit`. Reports settings that do not fit and raises LoweringFailed.
+    """
     centers = _numbers(context, settings)
     axis = Axis(UNNAMED, len(centers))
     if settings.dim is not None:
@@ -114,7 +121,9 @@ def _along_the_sets(
 
 
 def _numbers(context: LayerContext, settings: Fuzzify) -> Array:
-    """The centres that the spec gives."""
+    """The centres as the spec declares them, an ascending array; otherwise reports them and raises
+    LoweringFailed.
+    """
     assert settings.centers is not None
     return ascending(context, settings.centers, "fuzzify", "centres")
 

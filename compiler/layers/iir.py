@@ -1,4 +1,4 @@
-"""`iir`: a recursive filter that is stable whatever its weights."""
+"""`iir`: a recursive filter that is stable for all values of its weights."""
 
 from __future__ import annotations
 
@@ -18,16 +18,21 @@ from spec_schema.sections.layer_kinds import Iir
 
 
 def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
-    """y[t] = Σₖ b[k] w[t−k], k = 0 … num, with w[t] = x[t] − Σⱼ a[j] w[t−j], j = 1 … den.
+    """The recursive filter y[t] = Σₖ b[k] w[t−k], k = 0 … num, of w[t] = x[t] − Σⱼ a[j] w[t−j], j =
+    1 … den (direct form II).
 
-    So Y/X = (b₀ + b₁z⁻¹ + …) / (1 + a₁z⁻¹ + …). a follows from the reflection coefficients r by
-    a⁽ⁱ⁾[j] = a⁽ⁱ⁻¹⁾[j] + rᵢ a⁽ⁱ⁻¹⁾[i−j], a⁽ⁱ⁾[i] = rᵢ (Levinson's recursion): every stable filter
-    has |rᵢ| < 1 and the other way round (Schur and Cohn), and training keeps those bounds. Each
-    element of a vector has its own filter. Arrays: `num`, b from k = 0, initially uniform in
-    ±1/(2 (num + 1)); `reflection`, r, initially 0. The state `state`, w[t−1] first, starts at 0;
-    with `init: e` as if x had been e for ever. `fit: "y[t+k]"`, where x is an expression of inputs
-    and y a logged signal with the axes of x, sets the arrays before the first stage to the filter
-    whose response to x is nearest to y[t+k] in the rows of `train` (Steiglitz and McBride 1965).
+    Its transfer function is Y/X = (b₀ + b₁z⁻¹ + …) / (1 + a₁z⁻¹ + …). The a follow from the
+    reflection coefficients r: a⁽ⁱ⁾[j] = a⁽ⁱ⁻¹⁾[j] + rᵢ a⁽ⁱ⁻¹⁾[i−j], a⁽ⁱ⁾[i] = rᵢ (Levinson's
+    recursion). The filter is stable exactly if all |rᵢ| < 1 (Schur and Cohn), and training keeps
+    those bounds.
+
+    Each element of a vector has its own filter. Array `num` is b from k = 0 on, initially uniform
+    in ±1/(2 (num + 1)); array `reflection` is r, initially 0. The state `state`, w[t−1] first,
+    starts at 0; with `init: e` as if x had always been e.
+
+    `fit: "y[t+k]"`, where x is an expression of inputs and y a logged signal with the axes of x,
+    sets the arrays before the first stage. They become the filter whose response to x is nearest to
+    y[t+k] in the training rows (Steiglitz and McBride 1965).
     """
     (signal,) = arguments
     builder = context.builder
@@ -65,7 +70,9 @@ def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
 
 
 def _denominator(context: LayerContext, settings: Iir, elements: tuple[Axis, ...]) -> list[NodeId]:
-    """a₁ … aₙ out of the reflection coefficients."""
+    """The nodes of the coefficients a₁ … aₙ of the denominator, computed from the reflection
+    coefficients; each has the axes `elements`.
+    """
     builder = context.builder
     axes = (*elements, context.own_axis("section", settings.den))
     doc = "reflection coefficients of the denominator"
@@ -85,7 +92,9 @@ def _denominator(context: LayerContext, settings: Iir, elements: tuple[Axis, ...
 def _sum_of_past(
     builder: GraphBuilder, coefficients: list[NodeId], past: NodeId, axis: str
 ) -> NodeId:
-    """c₁ w[t−1] + c₂ w[t−2] + …."""
+    """c₁ w[t−1] + c₂ w[t−2] + …, with the nodes `coefficients` c₁, c₂, … and the node `past`, whose
+    axis of this name holds w[t−1], w[t−2], ….
+    """
     axes = builder.type(coefficients[0]).axes
     columns = [builder.reshape(c, (*axes, Axis(axis, 1))) for c in coefficients]
     row = builder.concat(columns, axis) if len(columns) > 1 else columns[0]
@@ -93,7 +102,10 @@ def _sum_of_past(
 
 
 def _start(context: LayerContext, settings: Iir, elements: tuple[Axis, ...]) -> NodeId:
-    """w at rest: w (1 + Σ a) = e."""
+    """The node of the initial w of the filter, with the axes `elements`, as if the argument had
+    always been e = `init`: w = e / (1 + Σ a). Without `init` it is 0. Raises LoweringFailed after
+    reporting a mistake in `init`.
+    """
     value = initial_value(context, settings.init, elements)
     if settings.init is None:
         return value

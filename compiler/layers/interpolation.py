@@ -1,4 +1,4 @@
-"""`interpolation`: a table of values on knots, linear between them, fixed or learned."""
+"""`interpolation`: a table of values at knots, linear between them, fixed or learned."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from spec_schema.units.unit import ONE, Unit
 
 
 def interpolation(context: LayerContext, settings: Interpolation, arguments: Arguments) -> NodeId:
-    """y = Σᵢ μᵢ(x) · Yᵢ, or Σᵢⱼ μᵢ(x) · νⱼ(x₂) · Yᵢⱼ: (bi)linear between the knots, Yᵢ on them.
+    """y = Σᵢ μᵢ(x) · Yᵢ, or in two dimensions Σᵢⱼ μᵢ(x) · νⱼ(x₂) · Yᵢⱼ: (bi)linear interpolation of
+    the table Y.
 
-    μ are the hat functions on the ascending knots `x` (`x2` for the second argument of a table in
-    two dimensions, whose `y` has one row for each knot of `x`). Outside the knots `outside: clamp`
-    keeps the value at the end, `extrapolate` continues the last line. The slope on a knot is the
-    right-hand one. With `learn: true` the values are learned, array `y`; `unit` is theirs, knots
-    are in the argument's unit.
+    μ and ν are hat functions on the ascending knots `x` and `x2`; in two dimensions `y` has one row
+    for each knot of `x`. Outside the knots `outside: clamp` keeps the value at the end,
+    `extrapolate` continues the last line. The derivative at a knot is the right-hand one. With
+    `learn: true` the values are learned, as array `y`; `unit` is their unit. Knots are in the
+    argument's unit.
     """
     builder = context.builder
     knots = [_knots(context, settings.x)]
@@ -59,7 +60,7 @@ def interpolation(context: LayerContext, settings: Interpolation, arguments: Arg
 
 
 def _counted(shape: tuple[int, ...]) -> str:
-    """`3 values`, `2 rows of 3 values`."""
+    """The shape of a table as text for messages: `3 values`, `2 rows of 3 values`."""
     values = f"{shape[-1]} value{'s' if shape[-1] != 1 else ''}" if shape else "one number"
     rows = f"{shape[0]} row{'s' if shape[0] != 1 else ''} of " if len(shape) == 2 else ""
     return rows + values
@@ -74,7 +75,9 @@ def _knots(context: LayerContext, expression: Expression) -> Array:
 
 
 def _unit(settings: Interpolation, own: Unit | None) -> Unit | None:
-    """The declared unit, else that of a named constant; plain numbers say nothing."""
+    """The unit of the table: the declared one, else `own`, that of a named constant. None (unknown)
+    for plain numbers.
+    """
     if settings.unit is not None:
         return settings.unit.value
     return own if own is not None and not own.same_as(ONE) else None

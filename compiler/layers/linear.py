@@ -10,12 +10,14 @@ from spec_schema.sections.layer_kinds import Linear
 
 
 def linear(context: LayerContext, settings: Linear, arguments: Arguments) -> NodeId:
-    """y[o] = Σᵢ W[o, i] · x[i] (+ b[o]), with i the last axis of x besides the window.
+    """y[o] = Σᵢ W[o, i] · x[i] (+ b[o]), with i the last axis of x besides the window, and o the
+    axis `out`.
 
-    A scalar x counts as one element; several arguments are put side by side, all their elements in
-    order. Arrays: `weight`, and `bias` (on unless `bias: false`, initially 0). The default initial
-    weights are uniform in ±1/n for n elements. `weight: W` and `bias: b` take named parameters of
-    these axes instead, which other layers can share. `dropout` leaves out elements of y.
+    A scalar x counts as one element; several arguments are concatenated, all their elements in
+    order. The arrays W and b are called `weight` and `bias`; the bias exists unless `bias: false`,
+    and is initially 0. The default initial weights are uniform in ±1/n for n elements of x.
+    `weight: W` and `bias: b` take named parameters of these axes instead, which other layers can
+    share. `dropout` is the share of elements of y that training drops at random.
     """
     (value,) = arguments
     summed = context.elements(value)[-1]

@@ -1,4 +1,6 @@
-"""`local_model`: a layer for each cell of a grid of fuzzy sets, weighted by its activations."""
+"""`local_model`: one copy of a layer for each cell of a grid of fuzzy sets, weighted by the degrees
+of membership.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,10 @@ from spec_schema.sections.layers import LocalModel
 
 
 def local_model(context: LayerContext, settings: LocalModel, arguments: Arguments) -> NodeId:
-    """y = Σᵢⱼ… φᵢ · ψⱼ · … · cellᵢⱼ…(x): one vectorised operation whatever the number of cells.
+    """y = Σᵢⱼ… φᵢ · ψⱼ · … · cellᵢⱼ…(x), computed for all cells in one vectorised operation.
 
-    `by` are the activations φ, ψ, …, each with the axes of its sets; `cell` is any layer that has
-    weights, and each of its arrays has the axes of the sets first.
+    `by` are the degrees of membership φ, ψ, …, each with the axes of its sets. `cell` is any layer
+    that has weights, and each of its arrays gets the axes of the sets in front.
     """
     cell = settings.cell.chosen()
     builder = context.builder
@@ -33,7 +35,9 @@ def local_model(context: LayerContext, settings: LocalModel, arguments: Argument
 def _activations(
     context: LayerContext, settings: LocalModel
 ) -> tuple[list[NodeId], tuple[Axis, ...]]:
-    """The activations and the axes of their sets, which must be different dims."""
+    """The nodes of the degrees of membership φ, ψ, …, and the axes of all their sets. Reports a
+    scalar, or an axis that occurs twice, and raises LoweringFailed.
+    """
     builder = context.builder
     activations: list[NodeId] = []
     cells: list[Axis] = []

@@ -1,4 +1,4 @@
-"""`mlp`: a multilayer perceptron, affine maps with a scalar function between them."""
+"""`mlp`: a multilayer perceptron, affine maps with an activation function between them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from spec_schema.sections.layer_kinds import Mlp
 def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:
     """h₁ = f(W₁ x + b₁), h₂ = f(W₂ h₁ + b₂), …, y = Wₙ hₙ₋₁ + bₙ, sample by sample.
 
-    x is as in `linear`: its last axis besides the window, or several arguments side by side.
+    x is as in `linear`: its last axis besides the window, or several arguments concatenated.
     `hidden: [16, 16]` are the sizes of h₁, h₂, …; `activation` is f, a function of one argument of
-    the language or of the spec, by default tanh. Arrays: `weight1`, `bias1`, …, the last ones for
-    y; one row of a weight for each of its results. Biases start at 0 (none with `bias: false`),
-    weights by default uniform in ±√(6 / (inputs + outputs)) (Glorot and Bengio 2010, equation 16).
-    `dropout` leaves out elements of h₁, h₂, ….
+    the language or of the spec, by default tanh. The arrays W and b are called `weight1`, `bias1`,
+    …, the last ones for y. A weight has one row for each of its results. Biases start at 0 (none
+    with `bias: false`), weights by default uniform in ±√(6 / (inputs + outputs)) (Glorot and Bengio
+    2010, equation 16). `dropout` is the share of elements of h₁, h₂, … that training drops at
+    random.
     """
     (value,) = arguments
     activation = settings.activation or Located("tanh", settings.place.key)

@@ -1,4 +1,6 @@
-"""`normalize`: a value in standard units, and back by `NAME.inverse(…)`."""
+"""`normalize`: a value minus its mean, divided by its standard deviation; `NAME.inverse(…)` is the
+inverse.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +26,10 @@ def normalize(context: LayerContext, settings: Normalize, arguments: Arguments) 
     """y = (x − mean) / std, dimensionless; `mean` and `std` are `data` or numbers in the unit of x.
 
     A list has one number for each element of the last axis of x besides the window. With `data`
-    they are mean and standard deviation (by n) of an input or target in the rows of `train`, for
-    each of its elements: of x, or of the signal that `of:` names. They are set once, before the
-    first stage, and kept among the weights: arrays `mean`, `std`. Nothing is learned.
-    `NAME.inverse(y)` is y · std + mean, in the layer's `unit:` where it is given.
+    they are mean and standard deviation (divisor n) of an input or target over the training rows,
+    for each of its elements. That signal is x, or the one that `of:` names. They are set once,
+    before the first stage, and stored with the weights as arrays `mean`, `std`; they are not
+    learned. `NAME.inverse(y)` is y · std + mean, in the layer's `unit:` if there is one.
     """
     (value,) = arguments
     builder = context.builder
@@ -52,7 +54,10 @@ def _numbers(
     *,
     inverse: bool = False,
 ) -> tuple[NodeId, NodeId]:
-    """Mean and standard deviation with the axes of the value."""
+    """The nodes of mean and standard deviation, with the axes of `value`. Fixed numbers get the
+    unit `unit`. `inverse` is True for a call `NAME.inverse(…)`. Reports settings that do not fit
+    and raises LoweringFailed.
+    """
     mean, std = settings.mean, settings.std
     signal = _signal(context, settings, inverse) if "data" in (mean, std) else ""
     if std != "data" and np.any(evaluate(context.lowering, std).values <= 0):
@@ -67,7 +72,10 @@ def _numbers(
 
 
 def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
-    """The signal whose rows count: that of `of:`, else the argument of the first call."""
+    """The name of the signal whose data give mean and standard deviation: that of `of:`, else the
+    argument of the first call. `inverse` is True for a call `NAME.inverse(…)`, whose argument is no
+    signal. Reports anything but an input or target and raises LoweringFailed.
+    """
     lowering, known = context.lowering, context.stores.normalized
     argument = context.call.arguments[0]
     if settings.of is not None:
@@ -92,7 +100,9 @@ def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
 
 
 def _signal_name(expression: Expression) -> str:
-    """The signal that an expression reads as it is, at whatever time; empty for any other."""
+    """The name of the signal that an expression reads unchanged, at any time or over a window;
+    empty for any other expression.
+    """
     match expression:
         case Name(name=name):
             return name

@@ -17,12 +17,13 @@ from spec_schema.units.parser import parse_unit
 
 
 def savitzky_golay(context: LayerContext, settings: SavitzkyGolay, arguments: Arguments) -> NodeId:
-    """y = dᵐp/dtᵐ at t − lag, p the polynomial of degree `order` nearest to the window's samples.
+    """y = dᵐp/dtᵐ at t − lag, where p is the polynomial of degree `order` with the least squared
+    error to the window's samples.
 
-    Least squares with equal weights, so y is a fixed weighted sum of the samples (Savitzky and
-    Golay 1964): it has no learned arrays, starts without a transient, and each element of a vector
-    has its own. `derivative` is m, 0 smooths; `lag` in samples or as a duration is 0 for an
-    estimate at t, half the window for the least noise. The unit is that of x over sᵐ.
+    All samples weigh equally, so y is a fixed weighted sum of them (Savitzky and Golay 1964). It
+    has no learned arrays and no initial transient; each element of a vector has its own.
+    `derivative` is m, 0 smooths. `lag`, in samples or as a duration, is 0 for an estimate at t, and
+    half the window for the lowest noise. The unit is that of x over sᵐ.
     """
     (window,) = arguments
     builder = context.builder
@@ -50,7 +51,10 @@ def savitzky_golay(context: LayerContext, settings: SavitzkyGolay, arguments: Ar
 
 
 def _weights(samples: int, order: int, derivative: int, lag: int) -> Array:
-    """m! times row m of the pseudo-inverse of the powers of time, time 0 at t − lag."""
+    """The weight of each sample of the window, for derivative m of a polynomial of degree `order`,
+    with 1 sample as the unit of time: m! times row m of the pseudo-inverse of the matrix of powers
+    of time. Time 0 is t − lag.
+    """
     reach = max(samples - 1, 1)  # powers of at most 1 keep the fit well conditioned
     times = (np.arange(samples) - (samples - 1 - lag)) / reach
     fit = np.linalg.pinv(np.vander(times, order + 1, increasing=True))

@@ -1,4 +1,6 @@
-"""`state_space`: a linear system with a state vector that is stable whatever its weights."""
+"""`state_space`: a linear system with a state vector that is stable for all values of its
+weights.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,17 @@ from spec_schema.sections.layer_kinds import StateSpace
 def state_space(context: LayerContext, settings: StateSpace, arguments: Arguments) -> NodeId:
     """x[t+1] = A x[t] + B u[t], y[t] = C x[t] (+ D u[t] with `feedthrough: true`).
 
-    u is one value with one axis, a scalar, or several arguments side by side; `order` is the length
+    u is one value with one axis, a scalar, or several arguments concatenated. `order` is the length
     of x and `out` the axis of y. A = `radius` times the normalised lattice of reflection
-    coefficients r (Gray and Markel 1975): every set of poles inside that radius has |rᵢ| < 1 and
-    the other way round, and ‖A x‖ ≤ radius ‖x‖. Arrays: `reflection`, r, initially 0 (then A is a
-    delay line); `B`, `C`, `D`, initially uniform in ±1/n for n summed elements. The state starts
-    at 0 or at `init:`, one number or a list of `order`. `fit: "y[t+k]"`, where u is made of inputs
-    and y is a logged signal with the axes of the result, sets the arrays before the first stage to
-    the system whose response to u is nearest to y[t+k] in the rows of `train`: from one u to one y
-    by Steiglitz and McBride 1965, else by a subspace (Verhaegen 1994).
+    coefficients r (Gray and Markel 1975). All poles are inside that radius exactly if all |rᵢ| < 1,
+    and ‖A x‖ ≤ radius ‖x‖. Array `reflection` is r, initially 0 (then A is a delay line); `B`, `C`,
+    `D` are initially uniform in ±1/n for n summed elements. The state starts at 0 or at `init:`,
+    one number or a list of `order`.
+
+    `fit: "y[t+k]"`, where u is an expression of inputs and y a logged signal with the axes of the
+    result, sets the arrays before the first stage. They become the system whose response to u is
+    nearest to y[t+k] in the training rows: from one u to one y by Steiglitz and McBride 1965, else
+    by a subspace method (Verhaegen 1994).
     """
     (value,) = arguments
     out = context.out(settings.out)
@@ -61,7 +65,9 @@ def state_space(context: LayerContext, settings: StateSpace, arguments: Argument
 
 
 def _turned(context: LayerContext, settings: StateSpace, state: NodeId, order: Axis) -> NodeId:
-    """A x: one rotation of neighbouring elements for each reflection coefficient."""
+    """The node of A x for the node x = `state` along the axis `order`: one rotation of neighbouring
+    elements for each reflection coefficient.
+    """
     builder = context.builder
     axis = context.own_axis("section", order.size)
     doc = "reflection coefficients of the poles"

@@ -1,1 +1,1 @@
-"""Sub-models: a spec and those that it uses become one spec of full names."""
+"""Joins a spec and the specs of its sub-models to one spec with full names."""

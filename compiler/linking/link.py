@@ -1,4 +1,6 @@
-"""Links a spec and its sub-models to one spec in which every member has its full name (R11)."""
+"""Joins a spec and its sub-models to one spec in which every entry has its full name, such as
+`vehicle.mass` (rule R11 of the language).
+"""
 
 from __future__ import annotations
 
@@ -29,9 +31,11 @@ if TYPE_CHECKING:
 
 
 class Connected(Equation):
-    """An equation that has the place of an input: its declared unit and dims, at every time.
+    """An equation that replaces an input of a sub-model: a connected input. It has the unit and the
+    dimensions that the input declares.
 
-    `declared_in` is the sub-model whose file has the connection, "" for the model itself.
+    `input` is that declaration. `declared_in` is the sub-model whose file contains the connection,
+    "" for the model itself.
     """
 
     input: Annotated[Any, PlainValidator(lambda signal: signal)]
@@ -39,15 +43,17 @@ class Connected(Equation):
 
     @property
     def feeds(self) -> Signal:
-        """The declaration of the input."""
+        """The declaration of the input that the equation replaces."""
         assert isinstance(self.input, Signal)
         return self.input
 
     def is_held_for(self, owner: str) -> bool:
-        """True if the value is constant while an integrator steps the states of `owner` (R6).
+        """True if the value is constant while an integrator steps the states of the sub-model
+        `owner` (R6).
 
-        A connection in a file outside the sub-model `owner` is evaluated once, at sample t. One in
-        the file of `owner` or of its sub-models is evaluated at every stage of the integrator.
+        A connection in a file outside `owner` is evaluated once, at sample t. One in the file of
+        `owner` or of its sub-models is evaluated at every integrator stage. `owner` is "" for the
+        model itself.
         """
         inside = not owner or self.declared_in == owner
         return not (inside or self.declared_in.startswith(f"{owner}."))
@@ -62,33 +68,37 @@ M_co = TypeVar("M_co", covariant=True)
 
 @dataclass(frozen=True)
 class LinkedPart(Generic[M_co]):
-    """A part of a kind that a feature brings, such as a robot."""
+    """A part that is no spec: a component from another kind of file that a feature reads, such as a
+    robot.
+    """
 
     name: str
     line: PartLine
     model: M_co
-    """The part as its file and its entry describe it."""
+    """The data of the part, read from its file and its entry in the spec."""
     names: Mapping[str, str]
-    """The full names of its dims and parameters by those that it calls them."""
+    """The full names of the part's dims and parameters, by their names within the part."""
 
 
 @dataclass(frozen=True)
 class Linked:
-    """The spec of the whole model in full names, with facts about its sub-models that are no
-    entries.
+    """The spec of the whole model with full names, and facts about its sub-models that are no
+    entries of a spec.
     """
 
     spec: Spec
-    """`use` has the sub-models of sub-models too; inputs that are connected are equations."""
+    """The joined spec. Its `use` has the sub-models of sub-models too; connected inputs are
+    equations."""
     integrators: Mapping[str, Integrator | None]
-    """How the continuous states of the model ("") and of each sub-model are integrated."""
+    """The integrator of the continuous states of the model ("") and of each sub-model; None means
+    the default."""
     files: Mapping[str, ReadResult] = field(default_factory=dict[str, ReadResult])
-    """What was read for each sub-model."""
+    """The parsed file of each sub-model, by full name."""
     weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, Array]])
     numbers: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Texts of files of initial values that were read before, by path."""
+    """Contents of files of initial values that were read before, by path."""
     parts: Mapping[str, LinkedPart[object]] = field(default_factory=dict[str, LinkedPart[object]])
-    """Parts of other kinds than specs, by their full names."""
+    """The parts that are no specs, such as robots, by full name."""
 
 
 def link(
@@ -98,8 +108,9 @@ def link(
     (`vehicle.mass`).
 
     `used` has the parsed files of sub-models and `weights` their arrays, by full name of the
-    sub-model. Mistakes go to `findings`. Losses, data, training, validation, exports and `predicts`
-    of sub-models are dropped: they describe how a sub-model was trained.
+    sub-model. Mistakes of the user go to `findings`. Losses, data, training, validation, exports
+    and `predicts` of sub-models are dropped: they describe how a sub-model was trained. Raises
+    ValueError if `used` lacks a sub-model.
     """
     if not spec.use:
         return Linked(spec, {"": spec.integrator})
@@ -126,21 +137,23 @@ MODEL_SECTIONS = (
     "equations",
     "outputs",
 )
-"""Sections whose entries have names that expressions use, but `dims`."""
+"""Sections whose entries have names that expressions use, except `dims`."""
 _Dims = Mapping[str, tuple[str, Dimension]]
-"""Dimensions of a spec: by base name the full name and the declaration."""
+"""Dimensions of a spec: for each name in the spec, the full name and the declaration."""
 
 
 @dataclass(frozen=True)
 class _Part:
-    """The sections of a spec and its sub-models, and full names by the names that it uses."""
+    """The sections of a spec joined with those of its sub-models, and the full name of each name
+    that the spec uses.
+    """
 
     sections: dict[str, Any]
     names: Mapping[str, str]
 
 
 class _Linking:
-    """Collects the sections of the whole spec while specs are linked."""
+    """Links specs recursively, and collects the sections of the whole spec meanwhile."""
 
     def __init__(self, findings: Findings) -> None:
         self.findings = findings
@@ -154,7 +167,10 @@ class _Linking:
     def part(
         self, spec: Spec, used: Mapping[str, ReadResult], prefix: str, around: tuple[_Dims, ...]
     ) -> _Part:
-        """A spec with its sub-models; `around` are the dimensions of the specs that use it."""
+        """Links one spec with its sub-models, recursively. `used` has the parsed files of its
+        sub-models, `prefix` is the start of its full names (`vehicle.`, "" for the model itself).
+        `around` are the dimensions of the specs that use it, the nearest first.
+        """
         owner = prefix.removesuffix(".")
         self.integrators[owner] = spec.integrator
         dims = self._dims(spec, prefix, around)
@@ -201,8 +217,8 @@ class _Linking:
         return _Part(sections, names)
 
     def connect(self, sections: dict[str, dict[str, Any]]) -> None:
-        """Replaces every connected input of a sub-model by an equation with the connected
-        expression.
+        """Replaces every connected input of a sub-model in `sections` by an equation with the
+        connected expression. Reports a second connection of an input, and names that are no inputs.
         """
         inputs, equations = sections["inputs"], sections["equations"]
         first: dict[str, Connection] = {}
@@ -231,16 +247,17 @@ class _Linking:
         sections["inputs"] = {n: entry for n, entry in inputs.items() if n not in first}
 
     def _kind(self, name: str, sections: Mapping[str, Mapping[str, Any]]) -> str | None:
-        """The kind of an entry that is no input of a sub-model, for messages; None if no entry has
-        that name.
+        """For a message, the kind of the entry `name`, which is no input of a sub-model, such as "a
+        sub-model"; None if `sections` have no such entry.
         """
         if name in self.use:
             return "a sub-model"
         return next((f"one of its {s}" for s in MODEL_SECTIONS if name in sections[s]), None)
 
     def _dims(self, spec: Spec, prefix: str, around: tuple[_Dims, ...]) -> _Dims:
-        """The full name of each dimension of a spec; dimensions that the specs around it share keep
-        their name there.
+        """For each dimension of a spec, its full name, with `prefix` in front, and its declaration.
+        A dimension that a spec in `around` declares identically is shared and keeps the name that
+        it has there.
         """
         found: dict[str, tuple[str, Dimension]] = {}
         for name, dimension in spec.dims.items():
@@ -268,15 +285,17 @@ class _Linking:
 
 
 def _opened(entry: Entry) -> Entry:
-    """An output of a sub-model without its `predicts`, which belongs to the training of the
-    sub-model.
+    """An entry of a sub-model. An output loses its `predicts`, which only concerns the training of
+    the sub-model.
     """
     is_output = isinstance(entry, Output)
     return entry.model_copy(update={"predicts": None}) if is_output else entry
 
 
 def _with_full_names(data: Data, renaming: Renaming) -> Data:
-    """The data section; of all that stands there only filters are of names of the spec."""
+    """The data section with the full names of `renaming`; only its filters contain names of the
+    spec.
+    """
     sources = {
         name: source.model_copy(update={"filter": renaming.entry(source.filter)})
         for name, source in data.source.items()
@@ -285,7 +304,9 @@ def _with_full_names(data: Data, renaming: Renaming) -> Data:
 
 
 def _is_same(outer: Dimension, inner: Dimension) -> bool:
-    """True if two dimensions of one name can be one: equal sizes, and no different labels."""
+    """True if two dimensions of the same name can be one: they have the same size, and the same
+    labels unless one has none.
+    """
     labels = not outer.labels or not inner.labels or outer.labels == inner.labels
     return outer.size == inner.size and labels
 
@@ -295,7 +316,9 @@ def _rate(seconds: float | None) -> str:
 
 
 class GivenWeights:
-    """The values that `weights:` and `freeze:` of sub-models give a parameter by its full name."""
+    """The parameter values from the files that `weights:` of sub-models name, and the parameters
+    that `freeze:` makes constant, by full name.
+    """
 
     def __init__(self, linked: Linked, findings: Findings) -> None:
         self._use = linked.spec.use
@@ -305,7 +328,10 @@ class GivenWeights:
         self._missing: dict[str, list[str]] = {}
 
     def value(self, name: str, shape: tuple[int, ...]) -> Array | None:
-        """The array of a parameter from the outermost sub-model whose weights have it."""
+        """The array of the parameter `name` from the weights of a sub-model that contains it, the
+        outermost one first. None if no weights have it, or if its shape is not `shape`, which is
+        reported.
+        """
         owners = list(self._owners(name))
         for index, owner in enumerate(owners):
             own = name.removeprefix(f"{owner}.")
@@ -322,19 +348,21 @@ class GivenWeights:
         return None
 
     def is_frozen(self, name: str) -> bool:
-        """True if `freeze:` of a sub-model makes the parameter a constant of this model."""
+        """True if `freeze:` of a sub-model that contains the parameter `name` makes it a
+        constant.
+        """
         return self._freezes(self._owners(name), name)
 
     def settles(self, name: str) -> bool:
-        """True if the weights of a sub-model contain the parameter, or if it is frozen."""
+        """True if the weights of a sub-model contain the parameter `name`, or if it is frozen."""
         return self.is_frozen(name) or any(
             name.removeprefix(f"{owner}.") in self._weights.get(owner, {})
             for owner in self._owners(name)
         )
 
     def report(self, names: Iterable[str]) -> None:
-        """Reports weights and `freeze:` entries that do not fit; `names` are all parameters of the
-        model.
+        """Reports weights that lack a parameter or have unknown arrays, and patterns of `freeze:`
+        that match no parameter. `names` are the full names of all parameters of the model.
         """
         names = tuple(names)
         for part, missing in self._missing.items():
@@ -366,7 +394,9 @@ class GivenWeights:
     # ---- inside
 
     def _owners(self, name: str) -> Iterator[str]:
-        """The sub-models that a name is in, the outermost first."""
+        """The sub-models that contain the entry `name`, the outermost first: `car`, `car.tire` for
+        `car.tire.mu`.
+        """
         parts = name.split(".")
         for count in range(1, len(parts)):
             owner = ".".join(parts[:count])

@@ -1,4 +1,4 @@
-"""Renames an entry of a sub-model, and every name in it, as the whole model calls it."""
+"""Replaces the names in an entry of a sub-model by full names."""
 
 from __future__ import annotations
 
@@ -26,29 +26,30 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Renaming:
-    """Replaces the names in a spec by full names.
+    """Replaces the names in one spec by full names.
 
-    `names` maps all names that the spec and its sub-models declare. An undeclared name gets the
-    sub-model as prefix too, so that it is not mistaken for a name of another spec.
+    `names` maps all names that the spec and its sub-models declare to full names. `prefix` is that
+    of the sub-model, such as `vehicle.`. An undeclared name gets it too, so that it is not mistaken
+    for a name of another spec.
     """
 
     prefix: str
     names: Mapping[str, str]
 
     def name(self, name: str) -> str:
-        """The full name of a name in the spec."""
+        """The full name of a name in the spec. Names of the language, such as `sin`, stay."""
         found = self.names.get(name)
         if found is not None:
             return found
         return name if name in OF_THE_LANGUAGE else self.prefix + name
 
     def entry(self, entry: T) -> T:
-        """A copy of an entry, expression or reference in which every name is a full name."""
+        """A copy of an entry, expression or reference of the spec, with full names."""
         return cast("T", self._renamed(entry, frozenset()))
 
     def _renamed(self, value: Any, arguments: frozenset[str]) -> Any:
-        """A copy of any part of an entry with full names; `arguments` are names of function
-        arguments, which stay.
+        """A copy of any part of an entry with full names. `arguments` are names that stay: those of
+        function arguments and of indices.
         """
         match value:
             case None | str() | int() | float() | Span() | Unit() | Quantity():
@@ -100,7 +101,9 @@ class Renaming:
         return LanguageName(full, name.span) if is_language else Name(full, name.span)
 
     def _member(self, member: Member) -> Expression:
-        """`tire.mu` is a name of the whole model; `x.meas` stays a member, of a full name."""
+        """The expression `base.member` with full names: `tire.mu` becomes the name of an entry of
+        the sub-model `tire`; `x.meas` remains a member of the entry `x`.
+        """
         full = f"{member.base}.{member.name}"
         if full in self.names:
             return Name(self.names[full], member.span)
@@ -133,7 +136,9 @@ class Renaming:
     def _mapping(
         self, before: Mapping[str, Any], field: FieldInfo, arguments: frozenset[str]
     ) -> Mapping[str, Any]:
-        """Keys that are names of signals are renamed; those that a section declares stay."""
+        """The mapping `before`, the value of an entry's field, with full names in its values. Keys
+        that are names of signals get full names too; others, which the entry itself declares, stay.
+        """
         are_signals = any(
             isinstance(note, Gathering) and note.schema in (signals, some_signals)
             for note in field.metadata

@@ -1,1 +1,1 @@
-"""From the expressions of a spec to nodes of the program's graphs."""
+"""Lowers the expressions of a spec to nodes of the program's graphs."""

@@ -1,4 +1,6 @@
-"""Creates parameters and arrays of layers, with axes, units, initial values and bounds."""
+"""Creates the parameters of the program, those of `parameters:` and the arrays of layers, with
+axes, units, initial values and bounds.
+"""
 
 from __future__ import annotations
 
@@ -40,9 +42,8 @@ from spec_schema.units.unit import Unit
 
 
 class Arrays:
-    """The learnable arrays of one compilation: entries of `parameters:`, and weights of layers.
-
-    Each is declared at its first use.
+    """The learnable arrays of one compilation: entries of `parameters:`, and arrays of layers. Each
+    is declared at its first use.
     """
 
     def __init__(self, context: Context) -> None:
@@ -57,16 +58,22 @@ class Arrays:
 
     @property
     def all_names(self) -> tuple[str, ...]:
-        """Names of all parameters, including those that frozen sub-models hold constant."""
+        """Names of all parameters used so far, including those that a frozen sub-model makes
+        constant.
+        """
         return tuple(self._parameters)
 
     def of_layer(self, layer: str) -> tuple[str, ...]:
-        """Names of a layer's arrays without the prefix `layer.`."""
+        """Names of the arrays that the layer `layer` has declared so far, without the prefix
+        `layer.`.
+        """
         owners = (name.rpartition(".") for name in self._parameters)
         return tuple(suffix for owner, _, suffix in owners if owner == layer)
 
     def read(self, builder: GraphBuilder, name: str) -> NodeId:
-        """Returns the node of a declared parameter; a constant if its sub-model is frozen (R11)."""
+        """The node that reads the parameter `name`; a constant node if its sub-model is frozen
+        (R11). Raises KeyError if the parameter has not been declared.
+        """
         parameter = self._parameters[name]
         if not self._is_constant(parameter):
             return builder.parameter(name, Type(parameter.axes, parameter.unit))
@@ -77,7 +84,9 @@ class Arrays:
     # ---- entries
 
     def parameter(self, name: str, entry: ParameterEntry) -> Type:
-        """Returns the type of a `parameters:` entry; declares it at its first use."""
+        """The type of the `parameters:` entry `name`; declares the parameter at its first use.
+        Reports invalid initial values or bounds and raises LoweringFailed, also at each later use.
+        """
         if name in self._failed:
             raise LoweringFailed
         if name not in self._parameters:
@@ -146,9 +155,11 @@ class Arrays:
         bounds: tuple[float | None, float | None],
         statistic: Statistic | None = None,
     ) -> Type:
-        """Declares an array of a layer, or returns its type if an earlier call declared it.
+        """Declares an array of a layer at its first use, and returns its type. `initial` are its
+        values in the shape of `axes`, `bounds` minimum and maximum (None for none), `doc` describes
+        it.
 
-        The array is learned unless `statistic` sets it from the data.
+        The array is learned, unless training computes it from the data as `statistic`.
         """
         parameter = self._parameters.get(name)
         if parameter is None:
@@ -172,7 +183,9 @@ class Arrays:
         return Type(parameter.axes, parameter.unit)
 
     def _with_given(self, parameter: Parameter) -> Parameter:
-        """The parameter, initialised from `weights:` of its sub-model if these contain it."""
+        """The parameter, with the initial values from `weights:` of its sub-model if these contain
+        it.
+        """
         shape = tuple(axis.size for axis in parameter.axes)
         given = self._context.given.value(parameter.name, shape)
         if given is None:
@@ -181,9 +194,9 @@ class Arrays:
         return replace(parameter, initial=values, statistic=None)  # the weights contain it
 
     def _is_constant(self, parameter: Parameter) -> bool:
-        """True if `freeze:` of its sub-model holds the parameter constant.
+        """True if `freeze:` of its sub-model makes the parameter a constant.
 
-        A statistic of the data without given weights is no constant, since it is not computed yet.
+        A statistic of the data that no weights contain is none, since its value is not known yet.
         """
         return parameter.statistic is None and self._context.given.is_frozen(parameter.name)
 
@@ -191,9 +204,10 @@ class Arrays:
 def initial_values(
     context: Context, name: str, initializer: Initializer, axes: tuple[Axis, ...]
 ) -> Array:
-    """The values of `init:` in the shape of the axes.
+    """The values of `initializer`, the `init:` of the array `name`, in the shape of `axes`. Reports
+    unusable ones and raises LoweringFailed.
 
-    Random draws depend on the array's name only.
+    Random values depend on the array's name and the draw of the compilation only.
     """
     # a profile or a draw between finite limits can overflow
     with np.errstate(all="ignore"):
@@ -223,7 +237,9 @@ def _chosen(context: Context, name: str, initializer: Initializer, axes: tuple[A
 
 
 def _position(context: Context, name: str, shaped: Shaped, axes: tuple[Axis, ...]) -> int:
-    """The index of the axis along which the values change: the named axis, by default the last."""
+    """The index of the axis along which the profile `shaped` of an `init:` varies: the axis that it
+    names, by default the last. Reports an unknown name and raises LoweringFailed.
+    """
     if shaped.along is None:
         return max(len(axes) - 1, 0)
     for position, axis in enumerate(axes):
@@ -236,7 +252,10 @@ def _position(context: Context, name: str, shaped: Shaped, axes: tuple[Axis, ...
 
 
 def _profile(shaped: Shaped, count: int) -> Array:
-    """The values at x = 0 … 1, from first to last index. A single element is the named end."""
+    """`count` values of the profile `shaped` at x = 0 … 1, evenly spaced: first·e^(−rate·x),
+    last·e^(−rate·(1−x)) or a line from first to last. A single element is `first`, or `last` if the
+    profile names only that.
+    """
     x = np.arange(count) / max(count - 1, 1)
     match shaped:
         case ExpInitializer(first=first, rate=rate):
@@ -248,7 +267,10 @@ def _profile(shaped: Shaped, count: int) -> Array:
 
 
 def _of_index(context: Context, name: str, expression: Expression, axes: tuple[Axis, ...]) -> Array:
-    """Evaluates a list, which fills the array in order, or an index formula, aligned by name."""
+    """The values of an `init:` expression in the shape of `axes`: a list, which fills the array in
+    order, or a formula of indices, whose axes are matched by name. Raises LoweringFailed after a
+    report.
+    """
     found = evaluate(context, expression, _with_indices(context, name, axes, expression.span))
     if axes and found.axes and set(found.axes) <= set(axes):
         order = [found.axes.index(axis) for axis in axes if axis in found.axes]
@@ -260,10 +282,11 @@ def _of_index(context: Context, name: str, expression: Expression, axes: tuple[A
 
 
 def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Span) -> Environment:
-    """The environment of an index formula: constants, and index names that the spec does not
-    declare.
+    """The environment of an `init:` formula: constants, and the names of indices, unless the spec
+    declares an entry of that name.
 
-    Names that a sub-model declares contain a dot, so a bare name in it is always an index.
+    Names that a sub-model declares contain a dot, so a bare name in the formula of its array is
+    always an index.
     """
     plain = Environment(EnvironmentPart.CONSTANT)
     if not axes:
@@ -284,7 +307,9 @@ def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Sp
 
 
 def _from_file(context: Context, file: Located[str], axes: tuple[Axis, ...]) -> Array:
-    """Reads the values from a file with one row per index of the axes before the last."""
+    """Reads the values from a file with one row per index of the axes before the last. Reports an
+    unusable file or a wrong number of values and raises LoweringFailed.
+    """
     try:
         numbers = read_numbers(file.value, file.span.file, context.numbers)
     except UnusableFileError as error:
@@ -306,7 +331,8 @@ def _described(rows: tuple[int, ...]) -> str:
 
 
 def uniform_draws(name: str, low: float, high: float, shape: Sequence[int], draw: int = 0) -> Array:
-    """Uniform random values in [low, high).
+    """Uniform random values in [low, high), an array of this shape; they depend on `name` and
+    `draw` only.
 
     The scaling is written out, since some compilers fuse multiplication and addition in numpy's
     own.
@@ -315,8 +341,8 @@ def uniform_draws(name: str, low: float, high: float, shape: Sequence[int], draw
 
 
 def generator_of(name: str, draw: int = 0) -> np.random.Generator:
-    """A counter-based generator (Philox; Salmon et al. 2011), seeded by the array's name and
-    `draw`.
+    """A counter-based random generator (Philox; Salmon et al. 2011), seeded by the array's name and
+    the number `draw`.
 
     A name of a spec has no space, so the key `name draw` cannot collide with another name.
     """
@@ -334,14 +360,18 @@ _SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
 
 
 class UnusableFileError(Exception):
-    """The file does not contain usable numbers; the message is the end of a sentence."""
+    """Raised for a file without usable numbers; the message is the end of a sentence about the
+    file.
+    """
 
 
 def read_numbers(path: str, beside: str, texts: Mapping[str, str]) -> Array:
-    """Reads a file as an array (rows, columns). A relative path starts at the folder of `beside`.
+    """Reads a text file as an array (rows, columns). A relative path starts at the folder of the
+    spec `beside`.
 
     Commas, semicolons or blanks separate the values of a row. Empty lines and comments (`# …`) are
-    skipped. `texts` maps paths to contents that were read before. Raises UnusableFileError.
+    skipped. `texts` maps paths to contents that were read before. Raises UnusableFileError if the
+    file is missing or has no usable numbers.
     """
     rows: list[list[float]] = []
     file = number_path(path, beside)
@@ -362,14 +392,16 @@ def read_numbers(path: str, beside: str, texts: Mapping[str, str]) -> Array:
 
 
 def number_path(path: str, beside: str) -> str:
-    """The path of a file that a spec names; relative paths start at the folder of the spec,
+    """The path of a file that a spec names; a relative `path` starts at the folder of the spec
     `beside`.
     """
     return os.path.normpath(Path(beside).parent / path)
 
 
 def number_text(path: str) -> str:
-    """Reads the text of a file. Raises UnusableFileError."""
+    """The text of the file `path`. Raises UnusableFileError if it is missing, too large
+    or no text.
+    """
     if "\0" in path:
         raise UnusableFileError("that is no path")
     file = Path(path)

@@ -1,4 +1,6 @@
-"""Evaluates constant expressions to arrays, and declared ranges in the unit of their values."""
+"""Evaluates constant expressions to arrays, and converts declared ranges and limits to the unit of
+their values.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ _CONSTANT = Environment(EnvironmentPart.CONSTANT)
 
 @dataclass(frozen=True)
 class NamedArray:
-    """An array with its axes and unit."""
+    """The values of a constant expression, with axes and unit."""
 
     values: Array
     axes: tuple[Axis, ...]
@@ -41,7 +43,9 @@ class NamedArray:
 
 
 def number(context: Context, expression: Expression, what: str) -> float:
-    """Evaluates a constant scalar expression; `what` is its name in messages."""
+    """Evaluates a constant scalar expression; `what` names it in messages. Reports a value that is
+    no finite scalar and raises LoweringFailed.
+    """
     array = evaluate(context, expression)
     if array.axes:
         found = describe_axes(array.axes)
@@ -54,7 +58,9 @@ def number(context: Context, expression: Expression, what: str) -> float:
 
 
 def whole_number(context: Context, expression: Expression, what: str) -> int:
-    """Evaluates a constant scalar expression that must be an integer."""
+    """Evaluates a constant scalar expression that must be an integer; `what` names it in messages.
+    Reports any other value and raises LoweringFailed.
+    """
     value = number(context, expression, what)
     if not value.is_integer():
         context.findings.report(names.unfit_constant(what, "is no whole number", expression.span))
@@ -65,8 +71,8 @@ def whole_number(context: Context, expression: Expression, what: str) -> int:
 def evaluate(
     context: Context, expression: Expression, environment: Environment = _CONSTANT
 ) -> NamedArray:
-    """Evaluates an expression of constants and of the values that `environment` adds, such as
-    indices.
+    """Evaluates an expression of constants, and of names that `environment` adds, such as indices.
+    Raises LoweringFailed after a report.
     """
     # the rows of a matrix have no axis name until `dims:` gives it: a node cannot represent them
     if isinstance(expression, ListLiteral) and any(
@@ -82,7 +88,9 @@ def evaluate(
 
 
 def _is_eye(expression: Expression, context: Context) -> TypeGuard[Call]:
-    """True for `eye` of a number. With two names, `eye` is a matrix of these dims instead."""
+    """True for a call `eye(n)` with one argument, the identity matrix of size n. `eye(a, b)` of two
+    dimensions is an ordinary builtin.
+    """
     return (
         isinstance(expression, Call)
         and isinstance(expression.function, Name)
@@ -93,7 +101,9 @@ def _is_eye(expression: Expression, context: Context) -> TypeGuard[Call]:
 
 
 def _eye(context: Context, call: Call) -> NamedArray:
-    """Evaluates `eye(3)`. As in any matrix, `dims:` names its axes."""
+    """The identity matrix of `eye(n)`, with two unnamed axes, since `dims:` names the axes of a
+    matrix. Reports a size that is no integer within the limits and raises LoweringFailed.
+    """
     (argument,) = call.arguments
     size = number(context, argument, "the size of `eye`")
     if not (size.is_integer() and 1 <= size <= LARGEST_EYE):
@@ -119,9 +129,10 @@ def _matrix(context: Context, rows: ListLiteral) -> NamedArray:
 
 
 def shaped(context: Context, name: str, values: Array, axes: tuple[Axis, ...], span: Span) -> Array:
-    """Gives the values the shape of the axes.
+    """The values of the array `name` in the shape of `axes`, read-only.
 
-    A scalar is repeated; any other shape must be equal.
+    A scalar is repeated. Reports any other wrong shape or an infinite value, and raises
+    LoweringFailed.
     """
     shape = tuple(axis.size for axis in axes)
     if values.shape not in ((), shape):
@@ -135,7 +146,9 @@ def shaped(context: Context, name: str, values: Array, axes: tuple[Axis, ...], s
 
 
 def refuse_infinite(context: Context, what: str, values: Array | float, span: Span) -> None:
-    """Reports values that are infinite or NaN: a program has no such constants."""
+    """Reports values that are infinite or NaN and raises LoweringFailed: programs have no such
+    constants. `what` names the values in the message.
+    """
     if not np.all(np.isfinite(values)):
         context.findings.report(names.unfit_constant(what, "is not finite", span))
         raise LoweringFailed
@@ -144,7 +157,9 @@ def refuse_infinite(context: Context, what: str, values: Array | float, span: Sp
 def shape_repair(
     context: Context, name: str, found: tuple[int, ...], axes: tuple[Axis, ...]
 ) -> str | None:
-    """The suggested repair for values of another shape than the entry declares."""
+    """The suggested repair for values of the shape `found`, if the entry `name` declares other
+    axes; None if there is no simple one.
+    """
     if axes:
         wanted = " x ".join(str(axis.size) for axis in axes)
         return f"write {wanted} numbers, or one number for all"
@@ -155,7 +170,9 @@ def shape_repair(
 
 
 def dims_repair(context: Context, shape: tuple[int, ...]) -> str:
-    """The `dims:` that an array of this shape needs, with the declaration of missing dimensions."""
+    """A repair as text: the `dims:` that an array of this shape needs, with the declaration of
+    missing dimensions.
+    """
     declared = {
         entry.name: entry.entry.size
         for entry in context.scope.values()
@@ -179,9 +196,11 @@ def dims_repair(context: Context, shape: tuple[int, ...]) -> str:
 def range_in(
     context: Context, range: Range | None, unit: Unit | None
 ) -> tuple[float, float] | None:
-    """A declared range in the unit of the value; a bare number is already in it.
+    """A declared range (low, high), converted to the unit of the value; a bare number is already in
+    it. None without a range.
 
-    Raises LoweringFailed after reporting a unit of another dimension or an empty range.
+    Raises LoweringFailed after reporting a unit of another dimension or an empty or infinitely wide
+    range.
     """
     if range is None:
         return None
@@ -198,7 +217,9 @@ def range_in(
 
 
 def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
-    """A limit in the unit of the limited value. Raises LoweringFailed as above."""
+    """A limit, converted to the unit of the limited value. Raises LoweringFailed after reporting a
+    unit of another dimension.
+    """
     number = converted(limit, unit, context.findings)
     if number is None:
         raise LoweringFailed
@@ -206,7 +227,10 @@ def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
 
 
 def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
-    """A difference of two values in their unit, without the offset of units such as degC."""
+    """`width`, a difference of two values such as a standard deviation, converted to their unit
+    without the offset of units such as degC. Raises LoweringFailed after reporting a unit of
+    another dimension.
+    """
     number = converted(width, unit, context.findings, is_distance=True)
     if number is None:
         raise LoweringFailed
@@ -214,7 +238,9 @@ def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
 
 
 def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
-    """The ranges of all inputs, targets and states, by name."""
+    """The ranges (low, high) of all inputs, targets and states that have one, by name. Invalid
+    ranges are reported and omitted.
+    """
     ranges: dict[str, tuple[float, float]] = {}
     for entries in (context.spec.inputs, context.spec.targets, context.spec.states):
         for name, entry in entries.items():
@@ -229,7 +255,9 @@ def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
 
 
 def expected_values(context: Context) -> list[Expected]:
-    """The expected ranges of equations, and of values connected to inputs that have a range."""
+    """The expected ranges of equations, and of connected inputs whose declaration has a range, for
+    each node that computes such a value. Invalid ranges are reported and omitted.
+    """
     builder = context.builder(STEP)
     expected: list[Expected] = []
     for name, entry in context.spec.equations.items():

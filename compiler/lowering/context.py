@@ -1,4 +1,6 @@
-"""Holds the state of one lowering: the spec, the growing graphs, and the collected facts."""
+"""The state of one compilation while expressions are lowered: `Context` has the spec, the graphs
+under construction and the collected facts.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ from spec_schema.sections.values import Constant, Dimension, Function, Parameter
 
 
 class LoweringFailed(Exception):  # noqa: N818  (no error of its own: the diagnostic is)
-    """The value has a mistake that has been reported; values that depend on it fail silently."""
+    """Raised after a mistake in a value of the spec has been reported. Values that depend on it
+    fail in the same way without a second report.
+    """
 
 
 Entry = (
@@ -39,7 +43,9 @@ Entry = (
 
 
 class Kind(Enum):
-    """The section that declares a name; the value is its wording in messages."""
+    """The section of the spec that declares a name; the value of each member is its wording in
+    messages.
+    """
 
     SUBMODEL = "a sub-model"
     DIMENSION = "a dimension"
@@ -56,7 +62,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Declaration:
-    """A name and its entry in the spec."""
+    """A declared name, the section that declares it, and its entry there."""
 
     name: str
     kind: Kind
@@ -64,12 +70,16 @@ class Declaration:
 
 
 def owner_of(name: str) -> str:
-    """The sub-model that a full name belongs to; "" for the model itself."""
+    """The sub-model to which a full name belongs, such as `vehicle` of `vehicle.mass`; "" for the
+    model itself.
+    """
     return name.rpartition(".")[0]
 
 
 class Scope(Mapping[str, Declaration]):
-    """All declared names. A second declaration is reported; the first one stays valid."""
+    """All declared names of the spec, each with its declaration. A second declaration of a name is
+    reported; the first one stays valid.
+    """
 
     def __init__(self, spec: Spec, findings: Findings) -> None:
         self._declared: dict[str, Declaration] = {}
@@ -116,16 +126,19 @@ _BEYOND = 1e15
 
 
 class Sampling:
-    """Converts durations to samples for one sample time; reports durations that do not fit."""
+    """Converts durations of the spec to samples. `sample_time` is in seconds, None in a static
+    model. Durations that do not fit are reported.
+    """
 
     def __init__(self, sample_time: float | None, findings: Findings) -> None:
         self.sample_time = sample_time
         self._findings = findings
 
     def samples(self, length: Length) -> int:
-        """Number of samples of a length.
+        """The number of samples of a length, which is given in samples or as a duration.
 
-        Raises LoweringFailed if it is not a multiple of the sample time.
+        Raises LoweringFailed after reporting a duration that is no multiple of the sample time, a
+        static model, or a length above LONGEST_WINDOW.
         """
         match length:
             case Samples(count=count):
@@ -139,18 +152,25 @@ class Sampling:
         return found
 
     def offset(self, offset: TimeOffset) -> int:
-        """Samples from t; negative in the past."""
+        """The offset from t in samples; negative in the past. Raises LoweringFailed as `samples`
+        does.
+        """
         return offset.sign * self.samples(offset.length)
 
     def required(self, what: str, span: Span) -> float:
-        """Seconds between samples; reports `what` as an error in a static model."""
+        """The sample time in seconds. In a static model it reports that `what` needs one, and
+        raises LoweringFailed.
+        """
         if self.sample_time is None:
             self._findings.report(time_errors.needs_sample_time(what, span))
             raise LoweringFailed
         return self.sample_time
 
     def from_seconds(self, seconds: float, text: str, span: Span) -> int:
-        """Samples of a duration in seconds; `text` is its spelling in the spec."""
+        """The number of samples of a duration in seconds; `text` is its spelling in the spec.
+        Raises LoweringFailed after reporting that it is no multiple of the sample time or that
+        there is none.
+        """
         sample_time = self.required(f"the duration {text}", span)
         # ∞ cannot be rounded; the limit is far above the longest window
         exact = min(seconds / sample_time, _BEYOND)
@@ -173,7 +193,7 @@ def _seconds_text(seconds: float) -> str:
 
 
 class GradientSources:
-    """Remembers the value y of which each gradient ∂y/∂x was computed.
+    """Stores, for each node that is a gradient ∂y/∂x, the node of y.
 
     The gradient of 3·x is the constant 3, whose node no longer shows that the spec uses x.
     """
@@ -183,11 +203,13 @@ class GradientSources:
         self._sources: dict[tuple[int, NodeId], list[NodeId]] = {}
 
     def remember(self, builder: GraphBuilder, result: NodeId, value: NodeId) -> None:
-        """Records that `result` is a gradient of `value`."""
+        """Stores that the node `result` is a gradient of the node `value`, both in the builder's
+        graph.
+        """
         self._sources.setdefault((id(builder), result), []).append(value)
 
     def made_of(self, builder: GraphBuilder, value: NodeId) -> set[NodeId]:
-        """The nodes that a value depends on, including those that a gradient in it eliminated."""
+        """The nodes on which a value depends, and those of y for each gradient ∂y/∂x among them."""
         reached: set[NodeId] = set()
         waiting = [value]
         while waiting:
@@ -200,7 +222,9 @@ class GradientSources:
 
 
 class Memories:
-    """The states of layers and calls. Equal calls on the same signal share a state."""
+    """The states that layers and calls such as `integral` need. Equal calls with the same arguments
+    share a state.
+    """
 
     def __init__(self) -> None:
         self._names: dict[tuple[str, tuple[Hashable, ...]], str] = {}
@@ -209,11 +233,13 @@ class Memories:
 
     @property
     def states(self) -> tuple[ProgramState, ...]:
-        """All states, in the order of first use."""
+        """All states that were added, in the order of first use."""
         return tuple(self._states.values())
 
     def name(self, owner: str, call: tuple[Hashable, ...]) -> str:
-        """Name of the state of a call: `h.state`, and `h.state2` for a second signal."""
+        """Name of the state of a call of `owner`: `h.state`, and `h.state2` for a second, different
+        call. `call` identifies the call.
+        """
         key = (owner, call)
         if key not in self._names:
             number = self._calls[owner] = self._calls.get(owner, 0) + 1
@@ -221,16 +247,19 @@ class Memories:
         return self._names[key]
 
     def keep(self, state: ProgramState) -> None:
-        """Adds a state with its next value and its start."""
+        """Adds a state, whose next value and start are nodes already; replaces one of the same
+        name.
+        """
         self._states[state.name] = state
 
 
 @dataclass(frozen=True, slots=True)
 class SolvedCall:
-    """x = M⁻¹ (a − b) in a graph, such as the forward dynamics of a robot: ddq = M⁻¹ (τ − bias).
+    """A solution x = M⁻¹ (a − b) of linear equations in a graph, such as the forward dynamics of a
+    robot: ddq = M⁻¹ (τ − bias).
 
-    `argument` is the node of a. `with_diagonal(d)` is the node of (M + diag(d))⁻¹ (a − b), d along
-    the axis of a.
+    `argument` is the node of a. `with_diagonal(d)` adds the node of (M + diag(d))⁻¹ (a − b), where
+    d has the axis of a.
     """
 
     argument: NodeId
@@ -239,8 +268,8 @@ class SolvedCall:
 
 @dataclass(frozen=True)
 class StageReads:
-    """The names that each integrator reads between samples t and t+1, to check `between:` of
-    inputs.
+    """The names that each integrator reads between samples t and t+1, to check the option
+    `between:` of inputs.
 
     An entry is a pair: the sub-model whose states are integrated ("" for the model itself), and the
     name.
@@ -252,43 +281,51 @@ class StageReads:
 
 
 class Names(Protocol):
-    """Looks up names and calls of a spec for the code that lowers expressions."""
+    """The protocol by which the code that lowers expressions looks up names and calls of a spec.
+    Each method raises LoweringFailed after reporting a mistake.
+    """
 
     def value(self, name: Name, environment: Environment) -> NodeId:
-        """The node of a bare name."""
+        """The node of a name such as `mass`, lowered in the environment."""
         ...
 
     def member(self, member: Member, environment: Environment) -> NodeId:
-        """The node of `base.member`."""
+        """The node of `base.member`, such as `x.meas` or `tire.mu`, lowered in the environment."""
         ...
 
     def call(self, call: Call, environment: Environment) -> NodeId:
-        """The node of a call of a layer, a function of the spec or a builtin."""
+        """The node of a call of a layer, a function or a builtin, lowered in the environment."""
         ...
 
     def declared(self, name: str, span: Span) -> Declaration:
-        """The declaration of a name, which counts as used from then on; reports an unknown name."""
+        """The declaration of a name, which counts as used from then on. Reports an unknown name and
+        raises LoweringFailed.
+        """
         ...
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """The node of the right-hand side of a continuous state, its time derivative."""
+        """The node of the time derivative of the continuous state `name`: the right-hand side of
+        its differential equation.
+        """
         ...
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
-        """The nodes of an equation or output that exist already, each with its time (shift and
-        window).
+        """The nodes to which an equation or output has been lowered so far, each with its time
+        (shift and window).
         """
         ...
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node that `lower_it` returns, or None if it raises LoweringFailed. Then nothing is
-        reported and no state is changed.
+        """The node that `lower_it` returns. None if it raises LoweringFailed; then its reports are
+        removed, and nothing counts as failed.
         """
         ...
 
 
 class Graphs:
-    """The builders of the three graphs of a compilation: step and losses, start, constants."""
+    """The builders of the three graphs of a compilation: one for the step and the losses, one for
+    the start, one for constants.
+    """
 
     def __init__(self) -> None:
         self._builders = {
@@ -299,14 +336,16 @@ class Graphs:
         self._step = GraphBuilder()
 
     def builder(self, environment: Environment) -> GraphBuilder:
-        """The builder of the graph that the environment's nodes belong to."""
+        """The builder of the graph to which nodes of this environment belong."""
         return self._builders.get(environment.part, self._step)
 
 
 # compared by identity: two lowerings of one spec build different graphs
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Context:
-    """One lowering of a spec. Its fields are values or collectors; only `names` lowers anything."""
+    """The state of one compilation of a spec. Its fields are values or collectors; only `names`
+    lowers expressions.
+    """
 
     spec: Spec
     findings: Findings
@@ -335,11 +374,13 @@ class Context:
     them."""
 
     def builder(self, environment: Environment) -> GraphBuilder:
-        """The builder of the graph that the environment's nodes belong to."""
+        """The builder of the graph to which nodes of this environment belong."""
         return self.graphs.builder(environment)
 
     def dimension(self, name: str, span: Span) -> Axis:
-        """The axis of a dimension that `dims:` declares; reports an unknown one."""
+        """The axis of the dimension `name`. Reports a name that `dims:` does not declare and raises
+        LoweringFailed.
+        """
         entry = self.scope[name].entry if name in self.scope else None
         if not isinstance(entry, Dimension):
             self.findings.report(shapes.unknown_dimension(name, span))
@@ -349,27 +390,31 @@ class Context:
         return Axis(name, entry.size)
 
     def labels(self, dimension: str) -> tuple[str, ...]:
-        """Labels of the elements of a dimension; empty without labels."""
+        """The names of the elements of a dimension; empty if it has none or does not exist."""
         entry = self.scope[dimension].entry if dimension in self.scope else None
         return entry.labels if isinstance(entry, Dimension) else ()
 
     def axes_of(self, entry: Signal | State | Parameter) -> tuple[Axis, ...]:
-        """The axes of an entry, from its `dims:`."""
+        """The axes of one sample of an entry, from its `dims:`. Reports unknown dimensions or too
+        many elements and raises LoweringFailed.
+        """
         axes = tuple(self.dimension(dim.value, dim.span) for dim in entry.dims)
         if axes:
             self.refuse_vast(axes, entry.dims[-1].span)
         return axes
 
     def refuse_vast(self, axes: tuple[Axis, ...], span: Span) -> None:
-        """Reports a value that is too large for memory, before it is allocated."""
+        """Reports a value with more than LARGEST_SIZE elements, before it is allocated, and raises
+        LoweringFailed.
+        """
         if math.prod(axis.size for axis in axes) > LARGEST_SIZE:
             self.findings.report(shapes.too_large(describe_axes(axes), LARGEST_SIZE, span))
             raise LoweringFailed
 
     def type_of(self, entry: Signal | State | Parameter) -> Type:
-        """Axes and unit of one sample of an entry."""
+        """Axes and unit of one sample of an entry; raises LoweringFailed as `axes_of` does."""
         return Type(self.axes_of(entry), entry.unit.value if entry.unit else None)
 
     def is_of_submodel(self, name: str) -> bool:
-        """True if a full name belongs to a sub-model."""
+        """True if the full name belongs to a sub-model, such as `vehicle.mass`."""
         return name.partition(".")[0] in self.spec.use

@@ -1,4 +1,6 @@
-"""Describes the place of an expression: the part of the program, the time, the enclosing call."""
+"""The environment of an expression: the part of the program, the time and the enclosing call in
+which it is lowered.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ Time = tuple[int, tuple[int, int] | None]
 
 
 class EnvironmentPart(Enum):
-    """The part of a program that contains an expression; it decides the meaning of names (R6)."""
+    """The part of a program in which an expression is lowered; it decides the meaning of names
+    (R6).
+    """
 
     STEP = "the step"
     """An input is the value that the step sees; a state is its simulated value."""
@@ -30,9 +34,10 @@ class EnvironmentPart(Enum):
 
 @dataclass(frozen=True, eq=False)
 class IntegratorStage:
-    """A stage of an integrator within a step, at which a right-hand side is evaluated (R6).
+    """One evaluation of a right-hand side by the integrator within a step, such as one of the four
+    of Runge-Kutta (R6).
 
-    Two stages are never equal.
+    Objects are compared by identity, so two stages are never equal.
     """
 
     values: Mapping[str, NodeId]
@@ -45,9 +50,10 @@ class IntegratorStage:
 
 @dataclass(frozen=True, eq=False)
 class FunctionArgument:
-    """An argument of a function of the spec, whose formula replaces the call.
+    """An argument of a call of a function of the spec; the function's formula replaces the call.
 
-    It becomes a node where the formula uses it, once for each time in `lowered`.
+    It becomes a node where the formula uses it, once for each time in `lowered`. `environment` is
+    that of the call.
     """
 
     expression: Expression
@@ -59,8 +65,8 @@ class FunctionArgument:
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """Where an expression is: graph, time, integrator stage and enclosing calls, which decide what
-    its names mean.
+    """The part of the program, the time, the integrator stage and the enclosing calls in which an
+    expression is lowered; they decide the meaning of its names.
     """
 
     part: EnvironmentPart
@@ -75,18 +81,20 @@ class Environment:
     """The functions being inlined, outermost first."""
 
     def shifted(self, samples: int) -> Environment:
-        """The environment for reading every signal `samples` later; negative for earlier."""
+        """The environment in which every signal is read `samples` later, or earlier if negative."""
         return replace(self, shift=self.shift + samples)
 
     def over(self, first: int, last: int) -> Environment:
-        """The environment in which every signal is read over the window t+first … t+last."""
+        """The environment in which every signal is read over the window t+first … t+last instead of
+        at one sample.
+        """
         return replace(self, window=(first, last))
 
     def of_entry(self) -> Environment:
-        """The environment for lowering an equation that is used here: same time, but without the
-        function arguments.
+        """The environment for lowering an equation that an expression of this environment uses: the
+        same time, but without the function arguments.
 
-        An equation used in a loss means the same as in the step (R6).
+        An equation that a loss uses is lowered as in the step (R6).
         """
         # an equation means the same in a loss as in the step (R6); it does not see the arguments
         # of a function that uses it
@@ -94,28 +102,28 @@ class Environment:
         return replace(self, part=part, arguments={}, functions=())
 
     def inside(self, function: str, arguments: Mapping[str, FunctionArgument]) -> Environment:
-        """The environment for lowering the formula of a function at its call, with the call's
-        arguments.
+        """The environment for lowering the formula of the function `function` at a call.
+        `arguments` are those of the call, by the parameter names of the function.
         """
         return replace(self, arguments=arguments, functions=(*self.functions, function))
 
     def at_time_of(self, other: Environment) -> Environment:
-        """This environment with the shift and window of another one."""
+        """This environment with the shift and window of `other`."""
         return replace(self, shift=other.shift, window=other.window)
 
     def without_stage(self) -> Environment:
-        """This environment with the states at t: windows are constant within an integrator step
-        (R6).
+        """This environment outside the integrator's stages: it reads states at t. Windows are read
+        so, since they are constant within a step (R6).
         """
         return replace(self, stage=None)
 
     def at_start(self) -> Environment:
-        """This environment at the start of a run: samples before t0 are read from the log."""
+        """This environment in the start of a run, at t0, where samples are read from the log."""
         return self.in_graph_of(EnvironmentPart.START)
 
     def in_graph_of(self, part: EnvironmentPart) -> Environment:
-        """This environment for lowering into the graph of another part of the program, such as the
-        start.
+        """This environment for lowering into the graph of another part of the program. It has no
+        integrator stage, and its function arguments are lowered again.
         """
         # arguments are lowered again: their node ids so far belong to the previous graph
         arguments = {
@@ -126,8 +134,8 @@ class Environment:
 
     @property
     def is_written(self) -> bool:
-        """True if all arguments of the enclosing calls are expressions of the spec, not nodes made
-        by the compiler.
+        """True if all arguments of the enclosing calls are expressions of the spec; False if one is
+        a node that the compiler made.
         """
         return not any(
             argument.at_hand or not argument.environment.is_written
@@ -136,17 +144,17 @@ class Environment:
 
     @property
     def is_elsewhere(self) -> bool:
-        """True unless the environment is the single sample at t."""
+        """True if the environment reads another sample than t, or a window."""
         return self.shift != 0 or self.window is not None
 
     @property
     def latest(self) -> int:
-        """Offset from t of the last sample of the environment."""
+        """Offset from t of the latest sample that a signal is read at in this environment."""
         return self.shift + (self.window[1] if self.window is not None else 0)
 
     @property
     def time(self) -> Time:
-        """Shift and window, the key of values that were lowered already."""
+        """Shift and window; the key under which already lowered values are found."""
         return self.shift, self.window
 
 

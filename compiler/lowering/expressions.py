@@ -1,4 +1,4 @@
-"""Lowers an expression tree to nodes; names and calls are looked up in the context."""
+"""Lowers expressions of the spec to nodes. Names and calls are looked up by `context.names`."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ from spec_schema.units.unit import ONE, Unit
 def report_unit_conflicts(
     context: Context, builder: GraphBuilder, expression: Expression, operation: str | None = None
 ) -> None:
-    """Reports the unit conflicts that the builder collected for the expression, and clears them.
+    """Reports the unit conflicts that the builder collected while it lowered `expression`, and
+    clears them.
 
-    `operation` is the user's spelling, if it differs from the name of the node.
+    `operation` is the user's spelling of the operation, if it differs from the name of the node.
     """
     for conflict in builder.conflicts:
         secondary = ()
@@ -56,7 +57,9 @@ def report_unit_conflicts(
 def report_declared_unit(
     context: Context, name: str, found: Unit, declared: Unit, span: Span
 ) -> None:
-    """Reports an expression whose unit differs from the declared one."""
+    """Reports that the expression of the entry `name` has the unit `found`, although the entry
+    declares the unit `declared`.
+    """
     is_temperature = found.same_dimension(declared) and found.offset != declared.offset
     context.findings.report(
         units.declared_unit_differs(
@@ -66,7 +69,9 @@ def report_declared_unit(
 
 
 def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
-    """A number that lacks its unit, written with the unit of the other operand."""
+    """A repair of a unit conflict as text: if one operand is a number without unit, this number
+    with the unit of the other operand. None otherwise.
+    """
     if not isinstance(expression, Binary):
         return None
     for side, unit in ((expression.left, conflict.found), (expression.right, conflict.expected)):
@@ -76,17 +81,20 @@ def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
 
 
 def _scale_between(conflict: UnitConflict) -> float | None:
-    """The factor from the actual to the expected unit, if both have the same dimension."""
+    """The factor that converts the actual unit of a unit conflict to the expected one; None if
+    their dimensions differ or the factor is 1.
+    """
     found, expected = conflict.found, conflict.expected
     factor = found.factor_to(expected) if found.same_dimension(expected) else 1.0
     return None if factor == 1.0 else factor
 
 
 class aligning:  # noqa: N801  (read as a verb: `with aligning(…):`)
-    """A context manager that reports an AxisConflict of its block as a diagnostic, then raises
+    """A context manager that reports an AxisConflict raised in its block, then raises
     LoweringFailed.
 
-    The diagnostic shows the operation and its operands `left` and `right`.
+    The diagnostic names the operation and points to the expression `whole` and its operands `left`
+    and `right`.
     """
 
     def __init__(
@@ -127,7 +135,10 @@ def warn_of_twin_axes(
     whole: Expression,
     operands: Iterable[tuple[Expression, NodeId]],
 ) -> None:
-    """Warns about the first two operands that form an outer product by accident (`twin_axes`)."""
+    """Warns about the first two operands that would form an outer product, probably by mistake (see
+    `twin_axes`). `operands` are pairs of an expression and its node, `whole` is the operation's
+    expression.
+    """
     typed = [(operand.span, builder.type(node).axes) for operand, node in operands]
     for (left, left_axes), (right, right_axes) in combinations(typed, 2):
         try:
@@ -145,10 +156,11 @@ def warn_of_twin_axes(
 def moving_input(
     context: Context, name: str, entry: Input, environment: Environment
 ) -> NodeId | None:
-    """(1−τ)·u[t] + τ·u[t+1] for `between: linear`; τ is the elapsed fraction of the step.
+    """The value (1−τ)·u[t] + τ·u[t+1] of the input u = `name` with `between: linear` at an
+    integrator stage; τ is the elapsed fraction of the step.
 
-    Returns None outside the stages of an integrator, and for an input without interpolation. The
-    value lies between the two samples, so the range of the input also holds for it.
+    Returns None outside of integrator stages, and for an input without interpolation. The value
+    lies between the two samples, so the range of the input also holds for it.
     """
     stage = environment.stage
     if stage is None or environment.is_elsewhere or not entry.is_linear:
@@ -177,7 +189,9 @@ _RELATIONS = {
 
 
 def lower(context: Context, expression: tree.Expression, environment: Environment) -> NodeId:
-    """Returns the node of an expression. Raises LoweringFailed after reporting its mistakes."""
+    """The node of an expression in an environment. Raises LoweringFailed after reporting its
+    mistakes.
+    """
     builder = context.builder(environment)
     with builder.at(expression.span):
         node = _lower(context, expression, environment, builder)
@@ -190,7 +204,9 @@ def lower(context: Context, expression: tree.Expression, environment: Environmen
 def lower_all(
     context: Context, expressions: Iterable[tree.Expression], environment: Environment
 ) -> list[NodeId]:
-    """Lowers several operands. Raises LoweringFailed after reporting the mistakes of all."""
+    """The nodes of several expressions, in order. Raises LoweringFailed after reporting the
+    mistakes of all.
+    """
     nodes: list[NodeId] = []
     failed = False
     for expression in expressions:
@@ -206,7 +222,8 @@ def lower_all(
 def lower_operands(
     context: Context, expressions: Iterable[tree.Expression], environment: Environment
 ) -> list[NodeId]:
-    """Lowers the operands of an elementwise operation.
+    """The nodes of the operands of an elementwise operation, in order. Raises LoweringFailed after
+    reporting the mistakes of all.
 
     Over a window, an operand with dims but without window is constant in time, so it is repeated
     along the window. Otherwise a dim that happens to have the window's length would match it (R3).
@@ -298,8 +315,8 @@ def _lower_contraction(
 
 
 def _lower_power(builder: GraphBuilder, base: NodeId, exponent: NodeId) -> NodeId:
-    """Lowers a power: an integer power to products in a fixed order, the power 1/2 to a square
-    root.
+    """The node of base^exponent. A constant integer exponent up to LARGEST_POWER becomes products
+    in a fixed order, 1/2 a square root, any other the function `pow`.
     """
     value = literal(builder, exponent)
     if value is not None and value.is_integer() and abs(value) <= LARGEST_POWER:
@@ -318,7 +335,9 @@ def _lower_power(builder: GraphBuilder, base: NodeId, exponent: NodeId) -> NodeI
 
 
 def literal(builder: GraphBuilder, node: NodeId) -> float | None:
-    """The value of a scalar constant, possibly negated; None for any other node."""
+    """The value of a node that is a scalar constant, or the negative of one; None for any other
+    node.
+    """
     constant = builder.node(node)
     if isinstance(constant.op, CoreNegate):
         value = literal(builder, constant.args[0])
@@ -364,7 +383,9 @@ def _positive(context: Context, span: Span, samples: int) -> int:
 def window_of(
     context: Context, operand: tree.Expression, environment: Environment, first: int, last: int
 ) -> NodeId:
-    """Samples t+first … t+last of an expression: each signal in it is read over that window."""
+    """The node of the samples t+first … t+last of the expression `operand`: each signal in it is
+    read over that window. A window of a window is reported and raises LoweringFailed.
+    """
     if environment.window is not None:
         context.findings.report(time.window_of_window(operand.span))
         raise LoweringFailed

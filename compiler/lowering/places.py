@@ -1,4 +1,4 @@
-"""Brings values to their place: the axes of their entry, the signal that they predict."""
+"""Gives values the axes and the unit that their entry declares or that the predicted signal has."""
 
 from __future__ import annotations
 
@@ -27,11 +27,10 @@ def fitted(
     expression: Expression,
     environment: Environment,
 ) -> NodeId:
-    """The node of a value with exactly the axes and the unit of `type`.
+    """The node of a value, brought to exactly the axes of `type`, and to its unit if it has none.
 
     `node` is the value of `expression` in this environment. It is repeated along axes that it
-    lacks; without a unit it gets that of `type`. Axes that `type` lacks are reported under the name
-    `what`, and LoweringFailed is raised.
+    lacks. Axes that `type` lacks are reported under the name `what`, and LoweringFailed is raised.
     """
     builder = context.builder(environment)
     if not set(builder.type(node).axes) <= set(type.axes):
@@ -46,7 +45,8 @@ _LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
 
 
 def prediction_of(context: Context, predicts: PredictionEntry, key: str) -> Prediction:
-    """The recorded sample, as signal and offset ahead of t, that a key such as `predicts` names.
+    """The recorded sample, as a signal and an offset ahead of t, that a setting such as `predicts:
+    "y[t+1]"` names; `key` is the setting's name in messages.
 
     Raises LoweringFailed after reporting a name that is no input, target or state.
     """
@@ -70,7 +70,9 @@ def prediction_of(context: Context, predicts: PredictionEntry, key: str) -> Pred
 def as_predicted(
     context: Context, name: str, entry: OutputEntry, node: int, predicts: Prediction
 ) -> int:
-    """The node of an output with the axes, and if it had none the unit, of the predicted signal."""
+    """The node of the output `name` with the axes of the signal that it predicts, and with its unit
+    if the output has none. Other axes or units are reported.
+    """
     builder = context.builder(STEP)
     signal = context.scope[predicts.signal].entry
     assert isinstance(signal, SignalEntry | StateEntry)
@@ -102,10 +104,11 @@ def report_surplus(
     expression: Expression,
     environment: Environment,
 ) -> None:
-    """Reports that an expression has axes other than `wanted`; `node` is its value.
+    """Reports that the value `node` of `expression` has axes that are not among `wanted`; `what`
+    names the value in the message.
 
-    The reported operand of `bias + sum(q) + q` is the last term. The search descends into operands
-    as long as exactly one of them adds such an axis.
+    The message points to the operand that brings the axis: in `bias + sum(q) + q` to the last term.
+    The search descends into operands as long as exactly one of them adds such an axis.
     """
     builder = context.builder(environment)
     found = describe_axes(builder.type(node).axes)
@@ -128,14 +131,16 @@ def report_surplus(
 
 
 def _repair(axes: Sequence[Axis], wanted: Sequence[Axis]) -> str | None:
-    """The repair if a list lacks only the name of its dimension."""
+    """A repair as text for a list that has the length of the axis in `wanted` but no dimension;
+    None otherwise.
+    """
     if len(axes) == len(wanted) == 1 and axes[0] == Axis(UNNAMED, wanted[0].size):
         return f"a list has no dim: declare it as a constant with `dims: {wanted[0].name}`"
     return None
 
 
 def _operands(context: Context, expression: Expression) -> tuple[Expression, ...]:
-    """The operands of an elementwise operation; empty for other operations."""
+    """The operand expressions of an elementwise operation; empty for any other expression."""
     match expression:
         case Negate(operand=operand):
             return (operand,)

@@ -1,4 +1,4 @@
-"""Passes: plain functions from Program to Program, verified before and after."""
+"""Passes: functions from Program to Program with the same meaning, verified before and after."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ PASSES: tuple[Callable[[Program], Program], ...] = (fold_constants, share_common
 
 
 def run_passes(program: Program) -> Program:
-    """Runs all `PASSES`; verifies the program before and after each. Raises InvalidProgram."""
+    """Runs all `PASSES` and returns the result; verifies the program before and after each. Raises
+    InvalidProgram if one is illegal.
+    """
     verify(program)
     for run in PASSES:
         program = run(program)

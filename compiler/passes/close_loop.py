@@ -1,4 +1,6 @@
-"""Feeds inputs from the outputs that predict them instead of from the log (rule R4)."""
+"""Closes loops: replaces inputs that the step reads from the log by the outputs that predict them
+(rule R4 of the language).
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ from spec_schema.late_dataclass import dataclass
 
 
 class LoopFault(Enum):
-    """The reason why a loop cannot be closed."""
+    """The reason why a loop cannot be closed; the value of each member is a clause for messages."""
 
     UNKNOWN = "the program has no input of this name"
     UNPREDICTED = "no output predicts it"
@@ -38,7 +40,9 @@ class LoopFault(Enum):
 
 
 class LoopError(Exception):
-    """A loop that cannot be closed: the reason, the input, the place, and the values of a cycle."""
+    """Raised for a loop that cannot be closed. It has the reason, the input, its place in the spec,
+    and the names of the values on a cycle, if there is one.
+    """
 
     def __init__(
         self,
@@ -56,7 +60,7 @@ class LoopError(Exception):
 
     @property
     def reason(self) -> str:
-        """The reason for messages, with the values of the cycle."""
+        """The reason as a clause for messages, followed by the names of the values on the cycle."""
         through = f" ({' → '.join(self.cycle)})" if self.cycle else ""
         return f"{self.kind.value}{through}"
 
@@ -69,12 +73,13 @@ def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Pr
     """Closes the loops of the named inputs: the step reads their predictions instead of the log.
 
     Let an output o predict the input s k samples ahead. Samples of s up to t+k−1 come from the
-    state `<s>.tape`, which starts from the log and to which every step appends o. For k = 0 the
+    buffer `<s>.tape`, which starts from the log and to which every step appends o. For k = 0 the
     sample t is the value of o in the same step. In the first `warm_up` steps of a run the recorded
     sample replaces o; a state counts these steps.
 
     Before: window form. After: window form; no `ReadSignal` of the closed inputs, which are now
-    targets. Losses and `ReadLog` do not change. Raises LoopError.
+    targets. Losses and `ReadLog` do not change. Raises LoopError if a loop cannot be closed.
+    Example, before and after:
 
         %0: [t=3] = signal(x, -2, 0)              # output y predicts x[t+1]
 
@@ -129,7 +134,9 @@ class _Loop:
 
     @property
     def length(self) -> int:
-        """Samples on the tape: t+first … t+ahead−1; 0 for a pure feed-through."""
+        """Number of samples in the buffer: those of t+first … t+ahead−1. It is 0 if the step reads
+        only the sample that an output of the same step gives.
+        """
         return self.ahead - self.first
 
     @property
@@ -165,7 +172,9 @@ class _Loop:
         return builder.select(builder.broadcast(lasts, axes), logged, predicted)
 
     def _with_prediction(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
-        """The stored samples of the tape, followed by the output of this step."""
+        """The node of the samples in the buffer, followed by the output of this step. `copies` maps
+        old node ids to those of the builder.
+        """
         predicted = self._predicted(builder, copies)
         return builder.emit(Window(self._tape_name), (predicted,), self._windowed(self.length + 1))
 
@@ -190,7 +199,9 @@ class _Loop:
 
 
 def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> State:
-    """The remaining steps of a warm-up: max(n − 1, 0) after each step."""
+    """The state that counts the remaining steps n of a warm-up: `warm_up` at first, max(n − 1, 0)
+    after each step. `builder` is that of the step, `starts` that of the start.
+    """
     left = builder.subtract(builder.state(WARM_UP, Type()), builder.constant(1.0))
     return State(
         WARM_UP,
@@ -204,7 +215,9 @@ def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> Sta
 
 
 def _loops(program: Program, names: Iterable[str], *, warm: bool) -> dict[str, _Loop]:
-    """The loop of each input; inputs that the step does not read need none."""
+    """The loop of each named input, by name; inputs that the step does not read need none. `warm`
+    is True if there is a warm-up. Raises LoopError if an input cannot be replaced by an output.
+    """
     known = {signal.name: signal for signal in program.signals}
     # losses read the log (R6): only reads of the step determine the length of the tape
     extents = extents_of(program.step, log=False)

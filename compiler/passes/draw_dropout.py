@@ -1,4 +1,6 @@
-"""Implements dropout in training: each dropout multiplies by a series of random factors."""
+"""Implements dropout in training: multiplies values by random factors, which are series of the
+training data.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,8 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Mask:
-    """A recorded signal of factors, one per element: 0 with probability `rate`, else 1 / (1 −
-    rate).
+    """The signal of the random factors of one dropout, `size` elements per row: 0 with probability
+    `rate`, else 1 / (1 − rate).
 
     With these factors the expected product is the operand (inverted dropout: Srivastava et al.
     2014, section 10).
@@ -28,17 +30,20 @@ class Mask:
 
 @dataclass(frozen=True, slots=True)
 class DrawnDropout:
-    """The program of a training stage, and the series that its data must contain in addition."""
+    """The program of a training stage with dropout, and the masks: signals that its data must
+    contain in addition.
+    """
 
     program: Program
     masks: tuple[Mask, ...]
 
 
 def draw_dropout(program: Program, without: Collection[str]) -> DrawnDropout:
-    """Replaces each `Dropout`, except of layers `without`, by the product with the factors of row
-    t.
+    """Replaces each `Dropout` by the product with the random factors of row t; those of layers in
+    `without` are removed.
 
-    Before: any form. After: for training only, since outputs and states may read the log.
+    Before: any form. After: for training only, since outputs and states may read the log. Example,
+    before and after:
 
         %1: scalar = dropout(%0, 0.2, h)
 

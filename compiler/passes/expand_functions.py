@@ -9,10 +9,11 @@ from compiler.ir.scalars import SCALAR_FUNCTIONS, ByFormula, ByKernel
 
 
 def expand_functions(program: Program, native: frozenset[str]) -> Program:
-    """Replaces each `Apply` of a function that is not native by the definition in its row.
+    """Replaces each `Apply` of a function that is not in `native` by the function's definition in
+    the table of scalar functions.
 
-    Before: any form. After: every `Apply` is of a native function. Raises ValueError if a row has
-    no definition.
+    Before: any form. After: every `Apply` is of a native function. Raises ValueError for a function
+    without definition. Example, before and after:
 
         %1: scalar 1 = tan(%0)                    # native: sin, cos
 

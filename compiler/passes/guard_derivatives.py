@@ -1,4 +1,6 @@
-"""Guards derivatives: in branches that are not taken, and where they are infinite."""
+"""Guards derivatives against infinity and NaN: in branches that are not taken, and where the
+derivative itself is infinite.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ LONGEST = 8
 
 @dataclass(frozen=True, slots=True)
 class BranchCondition:
-    """A bool node, without its broadcasts, and the value that it has in the branch."""
+    """A condition under which a branch is used: a bool node, before it was repeated by `Broadcast`,
+    and the value that it must have.
+    """
 
     node: NodeId
     holds: bool
@@ -39,8 +43,9 @@ Guard = tuple[BranchCondition, ...]
 def guard_untaken(program: Program) -> Program:
     """Gives divisions and singular functions a harmless argument where their branch is not taken.
 
-    Before: any form. After: the same values; in reverse mode the untaken branch contributes 0 ·
-    finite. A value that is also used outside the branch does not change.
+    Before: any form. After: the same values. In reverse mode the untaken branch contributes 0 times
+    a finite derivative instead of 0 · ∞. A value that is also used outside the branch does not
+    change. Example, before and after:
 
         where(x > 0, sqrt(x), 0)
         where(x > 0, sqrt(where(x > 0, x, 0.5)), 0)
@@ -56,7 +61,9 @@ def guard_untaken(program: Program) -> Program:
 
 
 def guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
-    """The guarded nodes that the roots depend on, and their new ids."""
+    """The graph as in `guard_untaken`, with only the nodes that the `roots` depend on: a builder
+    with its nodes, and their new ids by the old ones.
+    """
     roots = list(roots)
     guards = _guards(graph, roots)
     builder = GraphBuilder()
@@ -94,7 +101,9 @@ def _harmless(
 
 
 def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
-    """For each node the conditions that hold at all its uses; None if it is unused."""
+    """For each node the conditions that hold at all its uses, outermost first; None if no root
+    depends on it.
+    """
     guards: list[Guard | None] = [None] * len(graph)
     for root in roots:
         # a root is used unconditionally
@@ -121,7 +130,9 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
 
 
 def _reaches(condition: tuple[Axis, ...], op: ops.Op, operand: tuple[Axis, ...]) -> bool:
-    """True if a condition on the elements of a value also applies to those of its operand."""
+    """True if a condition with these axes, which holds for elements of the value of `op`, applies
+    in the same way to an operand with the axes `operand`.
+    """
     match op:
         # a reshape moves the elements of a condition with axes
         case ops.Reshape():
@@ -137,7 +148,8 @@ def _is_singular(op: ops.Op) -> bool:
 
 
 def _order(graph: Graph, guards: list[Guard | None], roots: list[NodeId]) -> list[NodeId]:
-    """Needed nodes, each after its operands and the conditions of its guard.
+    """The nodes that the roots depend on, each after its operands; a singular operation also after
+    the conditions of its guard.
 
     Such an order exists. Suppose c depended on a node that c′ guards, and c′ on one that c guards.
     Then every `Select` by c would be in a branch of one by c′ and vice versa. That is impossible
@@ -176,6 +188,7 @@ def guard_infinite_slopes(program: Program) -> Program:
     Before: any form. After: the same values. The replacement has the same value and the derivative
     `STEEP`. A product of derivatives with a factor 0 is then 0 in torch and CasADi too, as in
     reverse mode (`slope_product`). A quotient by 0 has this derivative in its divisor only.
+    Example, before and after:
 
         sqrt(x)
         where(abs(x) <= 0, 1e30 * x, sqrt(where(abs(x) <= 0, 0.5, x)))
@@ -199,13 +212,17 @@ def _guarded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
 
 
 class _Guard:
-    """Replaces one operation by a formula of equal value with a finite derivative."""
+    """Replaces one operation `node` with the operands `args` by a formula with the same value and a
+    finite derivative.
+    """
 
     def __init__(self, builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> None:
         self._b, self._node, self._args = builder, node, args
 
     def result(self) -> NodeId | None:
-        """The node that replaces the operation; None if its derivatives are finite."""
+        """The id of the node that replaces the operation; None if its derivatives are finite
+        anyway.
+        """
         b, args = self._b, self._args
         # x² + 1, for example, is structurally nonzero and needs no guard
         never_zero = b.infinite_values.is_never_zero
@@ -230,9 +247,11 @@ class _Guard:
                 return None
 
     def _split(self, position: int, there: NodeId, value: Callable[[], NodeId]) -> NodeId:
-        """A `where`: `value()` where the bool node `there` is true, otherwise the operation.
+        """The node of a `where`: the result of `value()` where the bool node `there` is true,
+        otherwise the operation.
 
-        In the operation, the operand at `position` is replaced where `there` is true.
+        The operand of the operation at `position` is replaced by a harmless one where `there` is
+        true.
         """
         # the operation gets a harmless operand, since libraries differentiate both branches
         b, args = self._b, list(self._args)
@@ -242,7 +261,9 @@ class _Guard:
         return b.emit(Select(), (there, value(), usual), self._node.type)
 
     def _quotient(self) -> NodeId:
-        """±∞ with the sign of the quotient, NaN for 0/0 and NaN."""
+        """The value of a quotient where its divisor is 0: ±∞ with the sign of the quotient, NaN for
+        0/0 and NaN.
+        """
         b, (above, below) = self._b, self._args
         # comparisons cannot distinguish −0 from 0, but 1/−0 is −∞
         sign_of_zero = self._is_positive(b.divide(self._number(1.0), below))
@@ -258,7 +279,9 @@ class _Guard:
         return b.select(self._is_positive(above), positive, known)
 
     def _power(self) -> NodeId:
-        """0ʸ: `STEEP` for 0 < y < 1, the base for y = 1, 0 above; 0⁰ is 1 and decreases with y."""
+        """The value of xʸ where the base x is 0: ∞ for y < 0; 1 for y = 0, with a steep derivative
+        by y; 0 with the derivative `STEEP` for 0 < y < 1; x itself for y = 1; 0 above.
+        """
         b, (base, exponent) = self._b, self._args
         zero, one = self._number(0.0), self._number(1.0)
         below_zero = b.compare(Relation.LESS, exponent, zero)
@@ -281,9 +304,9 @@ class _Guard:
         return b.subtract(self._chosen(right, 0.0, math.pi), beyond)
 
     def _number(self, value: float) -> NodeId:
-        """A constant in all elements.
+        """A constant, repeated for all elements of the operation.
 
-        Infinity and NaN are quotients by 0: constants must be finite.
+        Infinity and NaN are expressed as quotients by 0, since constants must be finite.
         """
         b = self._b
         if math.isfinite(value):
@@ -295,7 +318,9 @@ class _Guard:
         return b.broadcast(number, self._node.type.axes)
 
     def _steep(self, value: NodeId) -> NodeId:
-        """0 with the derivative `STEEP`, for a value that is 0."""
+        """A node with the value 0 and the derivative `STEEP` with respect to `value`, where `value`
+        is 0.
+        """
         return self._b.multiply(self._number(STEEP), value)
 
     def _is_zero(self, value: NodeId) -> NodeId:

@@ -1,4 +1,4 @@
-"""Replaces parameters by constants."""
+"""Replaces parameters by constants, for exports with fixed weights."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from compiler.ir.program import Graph, Node, NodeId, Program
 
 
 def inline_parameters(program: Program, weights: Mapping[str, ArrayLike]) -> Program:
-    """Replaces each parameter by a constant of its name, with the value from the weights.
+    """Replaces each parameter by a constant of its name, with the physical value from `weights`, or
+    its initial value if they lack it.
 
-    A parameter without a weight has its initial value.
-
-    Before and after: any form. Values keep their types and names; nothing is computed.
+    Before and after: any form. Nodes keep their types and labels; nothing is computed. Raises
+    ValueError for a weight of wrong shape. Example, before and after:
 
         %0: scalar = parameter k
 

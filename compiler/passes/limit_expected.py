@@ -1,4 +1,6 @@
-"""Limits equations to their declared ranges, for fixed-point formats that rely on bounds."""
+"""Clamps equations to the ranges that the spec declares for them, since fixed-point formats rely on
+these bounds.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +11,11 @@ from compiler.ir.program import NodeId, Program
 
 
 def limit_expected(program: Program) -> Program:
-    """Clamps every value of an equation with a range, for all users of the value.
+    """Clamps the value of each equation that has a declared range; all nodes that used it use the
+    clamped value.
 
     Before and after: any form. `expected` still names the unclamped values, so that values outside
-    the range can be reported.
+    the range can be reported. Example, before and after:
 
         %3: scalar m = %1 * %2
         expected e = %3 in [0.0, 5.0]           # %7 uses %3

@@ -1,4 +1,6 @@
-"""Removes slices and elements of learned arrays that are 0, and nodes that only they use."""
+"""Removes slices of parameters that are 0, the terms and elements that they make 0, and nodes that
+only these use.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Pruned:
-    """A smaller program, and the parts of the arrays that it needs."""
+    """A smaller program, and the cuts that bring the arrays of weights to its shapes."""
 
     program: Program
     cuts: tuple[Cut, ...]
@@ -32,11 +34,11 @@ def prune_zero_slices(
 ) -> Pruned:
     """Removes zero terms from sums, and elements of values that are no longer needed.
 
-    A slice of one of the `arrays` counts if all its elements are exactly 0, as does an array that
-    is entirely 0 (`drop_zero_numbers`). The new program has the same outputs if all values that are
-    multiplied by 0 are finite: 0 · ∞ is also removed.
+    A slice of one of the parameters `arrays` counts as zero if all its elements in `weights` are
+    exactly 0. An array that is entirely 0 is removed (`drop_zero_numbers`). The new program has the
+    same outputs if all values that are multiplied by 0 are finite: 0 · ∞ is also removed.
 
-    Before: window form, no losses. After: the same form.
+    Before: window form, no losses. After: the same form. Example, before and after:
 
         %2: [hid=4] = contract(%1, %0) over t
         %4: scalar = contract(%w, %3) over hid      # hid 1 and 3 of w are 0
@@ -100,12 +102,13 @@ def _cut(parameter: Parameter, cuts: Mapping[tuple[str, int], Kept]) -> Paramete
 
 
 def drop_zero_numbers(program: Program, names: Collection[str]) -> Program:
-    """Removes the parameters `names`, which are entirely 0: products are 0, sums lose the term.
+    """Removes the parameters `names`, whose elements are all 0: products with them become 0, and
+    sums lose such terms.
 
     The new program has the same outputs if all values that are multiplied by 0 are finite: 0 · ∞ is
     also removed.
 
-    Before: window form. After: the same form.
+    Before: window form. After: the same form. Example, before and after:
 
         %2: scalar = %k * %x                       # k is 0
         %4: scalar = %3 + %2
@@ -143,7 +146,9 @@ def _dropped(graph: Graph, names: Collection[str]) -> tuple[Graph, dict[NodeId, 
 
 
 def _is_zero(node: Node, of: list[bool], names: Collection[str]) -> bool:
-    """True if a value is 0 because parameters are 0; `of` flags its zero operands."""
+    """True if the value of a node is 0 because the parameters `names` are 0; `of` has one flag per
+    operand, True for a zero one.
+    """
     match node.op:
         case ops.ReadParameter(name):
             return name in names

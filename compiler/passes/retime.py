@@ -1,4 +1,6 @@
-"""Applies pointwise functions before a delay: a window of f(x) instead of f(window of x)."""
+"""Moves functions of single samples from behind a delay line to before it: a window of f(x) instead
+of f(window of x).
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sampled:
-    """The samples of a buffer's window that a value depends on; index 0 is the oldest."""
+    """The samples of a buffer's window on which a value depends: `count` samples from index `first`
+    on; index 0 is the oldest.
+    """
 
     buffer: str
     first: int
@@ -30,7 +34,9 @@ class Sampled:
 
 @dataclass(frozen=True, slots=True)
 class Samplewise:
-    """The nodes of one graph that are functions of single samples."""
+    """The nodes of one graph that are functions of single samples of a buffer, with these
+    samples.
+    """
 
     sampled: dict[NodeId, Sampled]
     fixed: frozenset[NodeId]
@@ -38,7 +44,8 @@ class Samplewise:
 
 
 def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Samplewise:
-    """Finds nodes that are a function of single samples of one buffer: f(x[t]), f(x[t-1]), ….
+    """Finds the nodes that apply one function f to each of several samples of one of the `buffers`:
+    f(x[t]), f(x[t-1]), ….
 
     Other operands must be constants; with `parameters` they may also depend on parameters.
     """
@@ -82,11 +89,12 @@ def at_samples(
     count: int | None,
     work: Samplewise,
 ) -> NodeId:
-    """Applies the function that `node` computes from a buffer to `samples` instead; returns the new
-    node.
+    """Applies the function that `node` computes from each sample of a buffer to `samples` instead;
+    returns the new node.
 
-    `samples` is a node of the builder: one sample, or a window of `count`. `work` describes
-    `graph`. `copies` maps nodes of `graph` to the builder's; it gets those that are missing.
+    `samples` is a node of the builder: one sample (`count` is None), or a window of `count`. `work`
+    describes `graph`. `copies` maps nodes of `graph` to the builder's; it gets those that are
+    missing.
     """
     made: dict[NodeId, NodeId] = {}
     for index in _ancestors(graph, [node], work):
@@ -114,7 +122,9 @@ def at_samples(
 
 
 def _ancestors(graph: Graph, wanted: list[NodeId], work: Samplewise) -> list[NodeId]:
-    """The nodes that the wanted ones depend on, up to fixed ones and samples, operands first."""
+    """The ids of the nodes on which the wanted ones depend, operands first. The search ends at
+    nodes that are fixed by `work` and at the samples themselves, which are included.
+    """
     found = set[NodeId]()
     while wanted:
         index = wanted.pop()
@@ -129,7 +139,9 @@ def _ancestors(graph: Graph, wanted: list[NodeId], work: Samplewise) -> list[Nod
 def _copied(
     builder: GraphBuilder, graph: Graph, wanted: NodeId, copies: dict[NodeId, NodeId]
 ) -> NodeId:
-    """The node in the builder's graph; copies it with its operands if needed."""
+    """The id of the node `wanted` of `graph` in the builder's graph; copies it with its operands
+    unless `copies` has it.
+    """
     missing, waiting = set[NodeId](), [wanted]
     while waiting:
         index = waiting.pop()
@@ -165,7 +177,9 @@ def _sampled(
 def _of_operands(
     graph: Graph, node: Node, sampled: dict[NodeId, Sampled], fixed: set[NodeId]
 ) -> Sampled | None:
-    """The samples that all operands depend on, apart from fixed operands."""
+    """The samples on which all operands of the node depend, apart from `fixed` operands; `sampled`
+    has those of earlier nodes. None if they differ, or if a fixed operand varies along the window.
+    """
     found = [sampled[arg] for arg in node.args if arg in sampled]
     others = [arg for arg in node.args if arg not in sampled]
     # x[t-1] + x[t] depends on two samples: f(x) requires operands with the same samples
@@ -177,7 +191,7 @@ def _of_operands(
 
 
 def _repeated(graph: Graph, index: NodeId) -> bool:
-    """True if the value is equal for every sample of a window."""
+    """True if the value of the node is the same for every sample of a window."""
     node = graph[index]
     if node.type.window is None:
         return True
@@ -189,11 +203,13 @@ def retime(program: Program, *, fixed_parameters: bool) -> Program:
     """If a history of x is only read as f(window of x), keeps a history of f(x) instead.
 
     f is any function of single samples: elementwise, and sums over axes other than the window. It
-    may read constants, and parameters if these are fixed, since a changed parameter would
-    invalidate stored samples. The new buffer starts as f of the start of the old one. f(x) is no
-    larger than x; both buffers are kept only if f calls a scalar function (`tanh`).
+    may read constants, and parameters if `fixed_parameters` says that these are fixed, since a
+    changed parameter would invalidate stored samples. The new buffer starts as f of the start of
+    the old one. f(x) is no larger than x; both buffers are kept only if f calls a scalar function
+    (`tanh`).
 
     Before: step form, without losses. After: the same outputs up to rounding, in step form.
+    Example, before and after:
 
         %1: [t=30] = window(x.history, %0)
         %2: [t=30] = tanh(%1)
@@ -215,7 +231,9 @@ def retime(program: Program, *, fixed_parameters: bool) -> Program:
 
 @dataclass(frozen=True, slots=True)
 class _Buffer:
-    """A buffer of past samples that has exactly one `Window`, the node that shifts it each step."""
+    """A buffer of past samples with exactly one `Window`, the node that appends the sample `newest`
+    in each step; `kept` is the number of its samples.
+    """
 
     state: State
     newest: NodeId
@@ -226,8 +244,8 @@ class _Buffer:
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """One function f: the values that are f of samples of a buffer, and the name of the new
-    buffer.
+    """One function f that moves before the buffer: the nodes `uses` that are f of samples of it,
+    and the name of the new buffer, which stores f(x).
     """
 
     buffer: _Buffer
@@ -238,7 +256,7 @@ class _Move:
 
     @property
     def oldest(self) -> int:
-        """Index of the first sample of the old window that is needed."""
+        """Index of the oldest sample in the old window that is still needed."""
         return min(sampled.first for sampled in self.uses.values())
 
 
@@ -264,7 +282,9 @@ def _buffers(program: Program) -> dict[str, _Buffer]:
 def _uses(
     program: Program, buffers: dict[str, _Buffer], work: Samplewise
 ) -> dict[str, list[NodeId]]:
-    """By buffer: samplewise values that other nodes need."""
+    """For each buffer, the samplewise nodes of `work` that outputs, states or nodes that are not
+    samplewise read.
+    """
     needed = {output.node for output in program.outputs}
     # the next value of a buffer is the shift, which the new buffer replaces
     needed |= {state.next for state in program.states if state.name not in buffers}
@@ -281,7 +301,9 @@ def _uses(
 def _candidates(
     program: Program, buffer: _Buffer, uses: list[NodeId], work: Samplewise
 ) -> list[_Move]:
-    """Every needed function f of the buffer's samples; f(x) = x may be among them."""
+    """One move for each function f of single samples of the buffer that the nodes `uses` compute;
+    f(x) = x may be among them.
+    """
     graph = program.step
     scratch = GraphBuilder(graph)
     same = {index: index for index in range(len(graph))}
@@ -303,7 +325,9 @@ def _candidates(
 def _name(
     program: Program, buffer: _Buffer, uses: dict[NodeId, Sampled], others: list[_Move]
 ) -> str:
-    """Named after the label of the value, otherwise after the source of the old buffer."""
+    """A free name for the new buffer: after the label of a value in `uses`, otherwise after the
+    source of the old buffer.
+    """
     taken = {state.name for state in program.states} | {move.name for move in others}
     labels = [label for index in uses if (label := program.step[index].label)]
     assert isinstance(buffer.state.origin, History)
@@ -316,7 +340,9 @@ def _name(
 
 
 def _worthwhile(program: Program, moves: list[_Move]) -> list[_Move]:
-    """The moves without a second buffer, otherwise those that save function calls."""
+    """The moves that are carried out: those with a gain (`_fits`), and if a buffer has several
+    moves only those that save calls of scalar functions.
+    """
     fit = [move for move in moves if _fits(program, move)]
     # several functions of one buffer need several buffers, which pays off for calls only
     if len(moves) > 1:
@@ -339,7 +365,7 @@ def _fits(program: Program, move: _Move) -> bool:
 
 
 def _moved(program: Program, moves: list[_Move], work: Samplewise) -> Program:
-    """The program after all moves."""
+    """The program after all moves; `work` describes its step."""
     builder, starts = GraphBuilder(), GraphBuilder(program.start)
     by_use = {index: move for move in moves for index in move.uses}
     copies: dict[NodeId, NodeId] = {}
@@ -370,7 +396,9 @@ def _expected(
     copies: dict[NodeId, NodeId],
     work: Samplewise,
 ) -> Iterator[Expected]:
-    """Moves the expected range of a window to its newest sample, which is checked once."""
+    """The expected ranges with new node ids, by `copies`. That of a window moves to its newest
+    sample, so that each sample is checked once.
+    """
     newest = {move.buffer.state.name: copies[move.buffer.newest] for move in moves}
     uses = {index for move in moves for index in move.uses}
     for entry in program.expected:
@@ -391,7 +419,9 @@ def _window_of(
     move: _Move,
     work: Samplewise,
 ) -> NodeId:
-    """The samples of f(x) that the value consists of."""
+    """The node of the samples of f(x), from the new buffer of `move`, that replaces the node
+    `index`. `copies` maps old node ids to those of the builder.
+    """
     sampled, like = move.uses[index], graph[index].type
     # older samples are not needed
     length = move.buffer.kept - move.oldest
@@ -415,7 +445,10 @@ def _state(
     copies: dict[NodeId, NodeId],
     work: Samplewise,
 ) -> State:
-    """The buffer of f(x); it starts as f of the old buffer's start."""
+    """The new buffer of f(x) for `move`, as a state; its initial samples are f of those of the old
+    buffer. `builder` is that of the step, `starts` that of the start; `copies` maps old node ids of
+    the step to new ones.
+    """
     buffer, use = move.buffer, next(iter(move.uses))
     graph, old = program.step, buffer.state
     length = buffer.kept - move.oldest

@@ -1,4 +1,4 @@
-"""Makes sums over fuzzy sets independent of terms that are 0."""
+"""Makes sums over fuzzy sets independent of terms that are 0, so that code may omit them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def settle_zeros(program: Program) -> Program:
     Otherwise the sign of such a 0 would depend on the signs of all terms, including inactive sets,
     and generated code could not omit these. No other value changes.
 
-    Before and after: any form.
+    Before and after: any form. Example, before and after:
 
         %8: scalar = contract(%6, %7) over phi
 

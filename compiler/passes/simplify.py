@@ -24,7 +24,7 @@ def drop_unused(program: Program) -> Program:
     its signals; it is removed with its layer or with the losses. The range of an equation is
     removed with the users of its value.
 
-    Before and after: any form.
+    Before and after: any form. Example of a removed state:
 
         state x: scalar m, next %1, start %0      # read by no node that an output needs
     """
@@ -67,14 +67,16 @@ def drop_unused(program: Program) -> Program:
 
 
 def _sets_only(fit: Fit, used: frozenset[str]) -> bool:
-    """True if the program still has all parameter arrays of the fit's layer, given the `used`
-    names.
+    """True if all parameter arrays of the fit's layer are still in the program; `used` are the
+    names of its parameters.
     """
     return all(f"{fit.layer}.{array}" in used for array in fit.array_names)
 
 
 def _live(program: Program) -> tuple[list[bool], set[str]]:
-    """The needed nodes of the step, and the names of the needed states."""
+    """One flag per node of the step, True if an output or a loss depends on it, and the names of
+    the states on which they depend.
+    """
     wanted = [output.node for output in program.outputs]
     for loss in program.losses:
         wanted += loss.nodes
@@ -113,7 +115,8 @@ def fold_constants(program: Program) -> Program:
     A `Select` with a constant condition becomes the selected operand. Not folded are values that
     are not finite or too large, bools, and broadcast constants.
 
-    Before and after: any form. Nodes that lose their users are left for `drop_unused`.
+    Before and after: any form. Nodes that lose their users are left for `drop_unused`. Example,
+    before and after:
 
         %0: scalar 1 = constant 2.0
         %1: scalar 1 = sqrt(%0)
@@ -127,8 +130,8 @@ def fold_constants(program: Program) -> Program:
 def folded(
     graph: Graph, *, exact: int = 0, largest: int = LARGEST_FOLDED
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """The graph with nodes that depend on constants only replaced by constants, and a map to the
-    new node ids.
+    """The graph after constant folding as in `fold_constants`, and the new node ids by the old
+    ones.
 
     The first `exact` nodes do not change; `largest` limits the number of elements of a folded
     value.
@@ -153,7 +156,9 @@ def folded(
 
 
 def _value(graph: Graph, node: Node, known: list[Any], largest: int) -> Array | None:
-    """The node's value, (1, *shape), if it depends on constants only."""
+    """The node's value, an array (1, *shape), if it depends on constants only and has at most
+    `largest` elements; else None. `known` has the values of earlier nodes, by id.
+    """
     if isinstance(node.op, ops.Read | ops.Window) or node.type.size > largest:
         return None
     if any(known[arg] is None for arg in node.args):
@@ -165,7 +170,9 @@ def _value(graph: Graph, node: Node, known: list[Any], largest: int) -> Array | 
 
 
 def _chosen(node: Node, known: list[Any]) -> NodeId | None:
-    """The operand that a `Select` with a constant condition selects."""
+    """The operand that a `Select` takes if its condition is a constant and the same for all
+    elements; None for any other node. `known` has the constant values of nodes, by id.
+    """
     if not isinstance(node.op, ops.Select):
         return None
     condition, then, otherwise = node.args
@@ -187,11 +194,10 @@ def _replaces(graph: Graph, node: Node, value: Array) -> bool:
 
 
 def share_common(program: Program) -> Program:
-    """Merges nodes of equal operation, operands and type; the place and label of the first one
-    stay.
+    """Merges nodes of equal operation, operands and type; the first one's place and label stay.
 
     Consecutive reshapes become one, or none if the type does not change. A `Named` node becomes its
-    operand. Before: any form. After: any form without `Named`.
+    operand. Before: any form. After: any form without `Named`. Example, before and after:
 
         %1: scalar m = %0 * %0
         %2: scalar m = %0 * %0
@@ -230,13 +236,14 @@ def _before_reshapes(builder: GraphBuilder, value: NodeId) -> NodeId:
 
 
 def prune_outputs(program: Program, names: Iterable[str]) -> Program:
-    """The program with only the named outputs and the states they depend on, without losses.
+    """The program with only the named outputs and the states that they depend on, without losses.
 
     Exporting the controller of a closed loop removes the plant and all that only the plant or a
     loss reads. A discrete state may depend on a sub-model that no output needs in the same step. It
     is then measured: it becomes an input of the same name (R13).
 
-    Before and after: any form. Raises KeyError for a name that no output has.
+    Before and after: any form. Raises KeyError for a name that no output has. Example of a removed
+    output:
 
         output command = %7
         output plant = %13          # pruned to command: %8 … %13 go too

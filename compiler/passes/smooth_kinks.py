@@ -1,4 +1,6 @@
-"""Finds kinks within the ranges of a spec, and smooths them, for solvers of second order."""
+"""Finds kinks within the declared ranges of a spec, and smooths them for optimisers that need
+second derivatives.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,7 @@ def smooth_kinks(program: Program) -> Program:
 
 
 def sharp_kinks(program: Program) -> dict[NodeId, Kink]:
-    """The kinks that `smooth_kinks` does not change."""
+    """The kinks that `smooth_kinks` leaves unchanged, by node."""
     graph, found = program.step, kinks(program)
     return {
         index: kink
@@ -110,7 +112,9 @@ def _width(distance: Interval) -> float:
 
 
 def _is_kept(graph: Graph, node: Node, found: Container[NodeId]) -> bool:
-    """True if exactly one branch of a `where` can be infinite."""
+    """True if exactly one branch of the `where` contains an operation that can be infinite; such a
+    `where` is not smoothed. `found` are the kinks by node.
+    """
     divisors = GraphBuilder(graph).infinite_values
     then, otherwise = (needed(graph, [branch]) for branch in node.args[1:])
 
@@ -135,7 +139,9 @@ def _is_kept(graph: Graph, node: Node, found: Container[NodeId]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Smooth:
-    """Smooth forms with one width, for values with these axes."""
+    """Adds the smooth forms of operations whose value has these axes; `width` is w in the formulas
+    of `smooth_kinks`.
+    """
 
     builder: GraphBuilder
     axes: tuple[Axis, ...]
@@ -164,7 +170,7 @@ class _Smooth:
         return b.multiply(self._number(0.5), b.subtract(b.add(left, right), apart))
 
     def chosen(self, left: NodeId, right: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
-        """Smooth form of `then` if left > right, else `otherwise`."""
+        """The smooth form of a `where`: `then` for left > right, else `otherwise`."""
         b = self.builder
         ahead = b.broadcast(b.subtract(left, right), self.axes)
         # (1 + sign) / 2: 0 far on one side, 1 far on the other, 1/2 at the kink
@@ -177,7 +183,9 @@ class _Smooth:
 
 @dataclass(frozen=True, slots=True)
 class Kink:
-    """An operation that is not smooth where a quantity is 0, and the interval of that quantity."""
+    """An operation that has no derivative where a quantity is 0, and the interval `distance` of
+    that quantity.
+    """
 
     node: NodeId
     word: str
@@ -186,7 +194,7 @@ class Kink:
 
 
 def kinks(program: Program) -> dict[NodeId, Kink]:
-    """The kinks of a step, by node.
+    """The kinks of a program's step, by node.
 
     Kinks are omitted if their quantity is not bounded by declared ranges, or cannot be 0 within
     them.
@@ -203,7 +211,9 @@ def kinks(program: Program) -> dict[NodeId, Kink]:
 
 
 def compared(graph: Graph, condition: NodeId) -> tuple[NodeId, NodeId] | None:
-    """The two values that a condition compares; None for other conditions."""
+    """The two operands of a condition that is a comparison; None for other conditions, and for the
+    comparison of a value with itself.
+    """
     node = graph[graph.unrepeated(condition)]
     # a comparison of a value with itself tests for NaN
     if not isinstance(node.op, ops.Compare) or node.args[0] == node.args[1]:
@@ -213,7 +223,9 @@ def compared(graph: Graph, condition: NodeId) -> tuple[NodeId, NodeId] | None:
 
 
 def _distances(graph: Graph, node: Node, ranges: ValueRanges) -> Iterator[tuple[str, Interval]]:
-    """The quantities at whose zero the operation has a kink."""
+    """For each quantity at whose zero the operation has a kink: the operation's name in a spec, and
+    the interval of the quantity, from the intervals `ranges` of all nodes.
+    """
     args = node.args
     match node.op:
         case ops.Apply("abs" | "sign" | "sqrt" as function):

@@ -1,4 +1,6 @@
-"""Replaces windows over inputs by buffers, so that each step reads every input exactly once."""
+"""Converts a program to step form: replaces windows over inputs by buffers, so that each step reads
+every input exactly once.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,14 @@ def to_step_form(program: Program, late: int = 0) -> Program:
 
     An input read at t+a … t+b becomes one read of t+newest … t+max(b, newest), newest = min(b, 0):
     the current sample, a preview, or (b < 0) one delayed sample. The newest − a samples before it
-    are in the state `<input>.history`, whose start is read from the log.
+    are in the buffer `<input>.history`, whose start is read from the log.
 
     With `late` = d the step at t computes that of the sample t-d: all reads are d samples earlier.
     The newest sample of a port does not change; a preview is d samples shorter.
 
     Before: any reads; unused nodes should be removed, since their reads would enlarge buffers.
-    After: one `ReadSignal` per signal. Losses and `ReadLog` change only by `late`.
+    After: one `ReadSignal` per signal. Losses and `ReadLog` change only by `late`. Example, before
+    and after:
 
         %0: [t=3] = signal(x, -2, 0)
 
@@ -66,7 +69,7 @@ def _started(program: Program, late: int) -> Program:
 
 
 def _earlier(node: Node, late: int) -> Node:
-    """A read of the log `late` samples earlier; any other node unchanged."""
+    """A `ReadLog` node that reads `late` samples earlier; any other node unchanged."""
     if not isinstance(node.op, ReadLog):
         return node
     op = node.op
@@ -109,7 +112,7 @@ class _Port:
         return self._sample.with_axes((*self.signal.axes, Axis(WINDOW, size)))
 
     def read(self, builder: GraphBuilder, op: ReadSignal, node: Node) -> NodeId:
-        """The samples of one read of the window form."""
+        """The node that replaces `node`, one read `op` of the input in window form."""
         first, last = op.first - self.late, op.last - self.late
         if first == last == self.newest:
             return builder.reshape(self._newest(builder), node.type.axes)
@@ -134,14 +137,18 @@ class _Port:
         return builder.element(self._preview(builder), WINDOW, 0)
 
     def _past(self, builder: GraphBuilder) -> NodeId:
-        """The samples t+newest−length … t+newest."""
+        """The node of the samples t+newest−length … t+newest: those in the buffer and the newest
+        one.
+        """
         newest = self._newest(builder)
         if not self.length:
             return builder.reshape(newest, self._windowed(1).axes)
         return builder.emit(Window(self._buffer_name), (newest,), self._windowed(self.length + 1))
 
     def state(self, builder: GraphBuilder, starts: GraphBuilder) -> State:
-        """The buffer of the samples before the newest one."""
+        """The state that is the buffer of the samples before the newest one. `builder` is that of
+        the step, `starts` that of the start.
+        """
         kept = builder.slice(self._past(builder), WINDOW, 1, self.length + 1)
         first, last = self.newest - self.length, self.newest - 1
         start = starts.log(self.signal.name, first, last, self._windowed(self.length))

@@ -1,4 +1,4 @@
-"""Reads and writes the parts of a program as JSON, derived from the types of their fields.
+"""Reads and writes the parts of a program as JSON, according to the declared types of their fields.
 
 Each field of a class is one key. Default values are omitted, as are empty axes and units.
 """
@@ -44,11 +44,16 @@ _LONGEST_STRING = 1 << 20
 
 
 class Malformed(Exception):  # noqa: N818  (carried to the reader's edge, where it becomes a Diagnostic)
-    """A value is missing or of the wrong kind; the text says which."""
+    """Raised for a value that is missing or of the wrong kind; the text says which one. Readers of
+    whole files turn it into a diagnostic.
+    """
 
 
 class PlainRecord:
-    """A JSON object all of whose keys must be read; `place` is its path in the file."""
+    """Reads a JSON object and checks that all its keys are read; `place` is its path in the file.
+    The methods that return a value raise Malformed if the key is missing or its value of the wrong
+    kind.
+    """
 
     def __init__(self, data: Any, place: str) -> None:
         if not isinstance(data, dict):
@@ -58,13 +63,13 @@ class PlainRecord:
         self.place = place
 
     def close(self) -> None:
-        """Raises Malformed if a key has not been read."""
+        """Raises Malformed if the object has a key that no method has read."""
         for key in self._data:
             if key not in self._read:
                 raise Malformed(f"{self.place} has the unknown key {key[:40]!r}")
 
     def has(self, key: str) -> bool:
-        """True if the key exists with a value other than null."""
+        """True if the key exists with a value other than null; the key counts as read."""
         self._read.add(key)
         return self._data.get(key) is not None
 
@@ -93,7 +98,9 @@ class PlainRecord:
         return value
 
     def items(self, key: str, read: Callable[[Any, str], Read]) -> tuple[Read, ...]:
-        """The list under the key; `read(item, place)` reads each item."""
+        """The list under the key; `read(item, place)` reads each item and receives its path in the
+        file. Raises Malformed if there is no list.
+        """
         place = self._place(key)
         return tuple(
             read(item, f"{place}[{index}]")
@@ -140,7 +147,9 @@ _LARGEST_POWER = 1000
 
 
 def unit_to_data(unit: Unit) -> Any:
-    """`"N*m"`; for what texts cannot say, as the root of a metre, `[["m", "1/2"]]`."""
+    """The unit as its text, such as `"N*m"`. Units that the text cannot express, such as the root
+    of a metre, become factors with powers: `[["m", "1/2"]]`.
+    """
     try:
         # roots of units have a text that nothing reads, and products may round their scale another
         # way
@@ -151,7 +160,9 @@ def unit_to_data(unit: Unit) -> Any:
 
 
 def unit_from_data(data: Any, place: str) -> Unit:
-    """The unit of the data. Raises Malformed."""
+    """Reads a unit from `data` as `unit_to_data` writes it; `place` is its path in the file. Raises
+    Malformed for any other data.
+    """
     if isinstance(data, str):
         try:
             return parse_unit(data)
@@ -191,7 +202,9 @@ _ALWAYS = {(Parameter, "initial"), (Loss, "weight"), (Dimension, "labels")}
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """Facts shared by all values of one file: paths of its specs, and units parsed before."""
+    """Facts that all values of one file share: `files`, the paths of its specs, to which places in
+    the spec refer by index; and `units`, those parsed before, by their text.
+    """
 
     files: tuple[str, ...]
     numbers: Mapping[str, int] = field(default_factory=dict[str, int])
@@ -200,7 +213,9 @@ class Shared:
 
 
 def read(make: type[Made], data: Any, place: str, shared: Shared) -> Made:
-    """Reads a value of class `make`; `place` is its path in the file. Raises Malformed."""
+    """Reads an object of the dataclass `make` from the JSON object `data`; `place` is its path in
+    the file, `shared` has the facts that all values of the file share. Raises Malformed.
+    """
     record = PlainRecord(data, place)
     made = _read_fields(make, record, shared)
     record.close()
@@ -208,7 +223,9 @@ def read(make: type[Made], data: Any, place: str, shared: Shared) -> Made:
 
 
 def to_data(value: object, shared: Shared) -> Data:
-    """The keys of a value, from which `read` restores it."""
+    """A JSON object with the fields of a dataclass object, from which `read` restores it; `shared`
+    has the facts that all values of the file share.
+    """
     data: Data = {}
     for one in _fields(type(value)):
         found = getattr(value, one.name)
@@ -220,7 +237,7 @@ def to_data(value: object, shared: Shared) -> Data:
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """Reads and writes values of one type."""
+    """The functions that read and write the values of one type."""
 
     read: Callable[[PlainRecord, str, Shared], Any]
     """Reads and checks the value under a key of the record."""
@@ -235,12 +252,12 @@ class _Field:
     key: str
     form: _Form
     absent: Any
-    """The value that is omitted; MISSING if there is none."""
+    """The value with which the field is omitted from the file; MISSING if it is always written."""
 
 
 @cache
 def _fields(made: type) -> tuple[_Field, ...]:
-    """The fields in the order of the file: `doc` and `span` come last."""
+    """The fields of the dataclass `made` in the order of the file: `doc` and `span` come last."""
     types = get_type_hints(made)
     # sorting is stable: the other fields keep the order of their class
     fields = sorted(dataclasses.fields(made), key=lambda one: one.name in ("doc", "span"))
@@ -325,7 +342,7 @@ def _read_range(record: PlainRecord, key: str, _: Shared) -> tuple[float, float]
 
 
 def _range_to_data(bounds: tuple[float, float], _: Shared) -> list[float | None]:
-    """Writes an infinite bound as null."""
+    """The limits [low, high] of a range as JSON; an infinite limit becomes null."""
     return [bound if math.isfinite(bound) else None for bound in bounds]
 
 

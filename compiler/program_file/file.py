@@ -1,4 +1,6 @@
-"""Programs as JSON: `msnn compile` writes them and every other command accepts them."""
+"""Programs as JSON text: `msnn compile` writes such files, and the other commands accept them
+instead of a spec.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ Made = TypeVar("Made")
 
 
 def read_program(data: Any) -> Program:
-    """The program in the data, not verified yet. Raises Malformed."""
+    """The program in the parsed JSON `data`; it is not verified yet. Raises Malformed."""
     record = PlainRecord(data, "the file")
     record.integer("format")
     shared = Shared(record.items("files", as_text))
@@ -75,10 +77,11 @@ FORMAT = 1
 
 
 def program_to_data(program: Program) -> Data:
-    """Dictionaries, lists, strings and numbers from which `program_from_data` makes it again.
+    """Dictionaries, lists, strings and numbers for JSON, from which `program_from_data` restores
+    the program.
 
-    Numbers keep every bit, units are written by their text, places by the name of their file
-    without its folder, unless two files have one name. What has its default value is left out.
+    Numbers keep every bit. Units are written as text. Places name their spec file without its
+    folder, unless two files have the same name. Fields with their default value are omitted.
     """
     names = _names_of_files(program)
     shared = Shared(tuple(names.values()), numbers={path: i for i, path in enumerate(names)})
@@ -110,7 +113,9 @@ def program_to_data(program: Program) -> Data:
 
 
 def _names_of_files(program: Program) -> dict[str, str]:
-    """The shortest ends of the paths of all specs in which no two are the same, by path."""
+    """For each path of a spec, the shortest end of the path that distinguishes it from
+    all others.
+    """
     spans = [node.span for graph in (program.start, program.step) for node in graph.nodes]
     for declared in (program.signals, program.parameters, program.states):
         spans += [item.span for item in declared]
@@ -121,7 +126,9 @@ def _names_of_files(program: Program) -> dict[str, str]:
 
 
 def _length(own: tuple[str, ...], every: Iterable[tuple[str, ...]]) -> int:
-    """Number of last parts of the path `own` that distinguish it from all other paths."""
+    """The number of last parts of the path `own` that distinguish it from all other paths in
+    `every`.
+    """
     others = [parts for parts in every if parts != own]
     lengths = range(1, len(own) + 1)
     return next((n for n in lengths if all(p[-n:] != own[-n:] for p in others)), len(own))
@@ -132,20 +139,23 @@ LONGEST_TEXT = 256 << 20
 
 
 def program_to_json(program: Program) -> str:
-    """Writes a program as JSON, deterministically, with one node per line."""
+    """The program as JSON text, one node per line; equal programs give the same text."""
     return data_to_json(program_to_data(program))
 
 
 def program_from_json(text: str, name: str) -> Program:
     """Reads a program from the text of a file; `name` is its name in diagnostics.
 
-    Safe for untrusted text: sizes are limited and the program is verified. Raises SpecError.
+    Safe for untrusted text: sizes are limited and the program is verified. Raises SpecError if the
+    text is no program.
     """
     return program_from_data(data_from_json(text, name), name)
 
 
 def data_from_json(text: str, name: str) -> Any:
-    """Parses the text of a program file, for callers that store more in it. Raises SpecError."""
+    """Parses the text of a program file without interpreting it, for callers that store more in it.
+    `name` is its name in diagnostics. Raises SpecError if the text is no JSON or too long.
+    """
     if len(text) > LONGEST_TEXT:
         raise SpecError([files.not_a_program(name, "it is too long")])
     try:
@@ -157,7 +167,9 @@ def data_from_json(text: str, name: str) -> Any:
 
 
 def program_from_data(data: Any, name: str) -> Program:
-    """Reads a program from parsed JSON, as written by `program_to_data`. Raises SpecError."""
+    """Reads a program from parsed JSON, as written by `program_to_data`, and verifies it. `name` is
+    the file's name in diagnostics. Raises SpecError if the data are no legal program.
+    """
     try:
         found = PlainRecord(data, "the file").integer("format")
         if found != FORMAT:
@@ -172,7 +184,9 @@ def program_from_data(data: Any, name: str) -> Program:
 
 
 def data_to_json(data: dict[str, Any]) -> str:
-    """JSON with one line per item of the top-level lists, so that files can be compared by line."""
+    """JSON text of the object `data`, with one line per item of its lists, so that files can be
+    compared by line. Raises ValueError for NaN or infinity.
+    """
     fields: list[str] = []
     for key, value in data.items():
         if isinstance(value, list) and value:

@@ -44,7 +44,9 @@ _COLUMN_RANGE = re.compile(r"([^{}]*)\{([0-9]{1,4})\.\.([0-9]{1,4})\}([^{}]*)")
 
 @dataclass(frozen=True)
 class ColumnName:
-    """A column of a file, by the name in its header or by its index from 0."""
+    """A column of a file, by the name in its header or by its index from 0; `span` is its place in
+    the spec.
+    """
 
     column: str | int
     span: Span = field(compare=False)
@@ -63,7 +65,9 @@ def _read_column(node: Node, findings: Findings) -> ColumnName:
 
 
 def _expanded(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
-    """The nodes of the columns; `tau{1..3}` becomes tau1, tau2, tau3."""
+    """The nodes of the columns in a list or single value; a pattern `tau{1..3}` becomes tau1, tau2,
+    tau3. Malformed patterns are reported, then RefusedError is raised.
+    """
     columns: list[Node] = []
     for item in read_items(node, info):
         if isinstance(item, Scalar) and ("{" in item.text or "}" in item.text):
@@ -154,7 +158,7 @@ SETS = ("train", "val", "test")
 # spans are no part of a share's value: two specs that say the same are equal
 @dataclass(frozen=True)
 class Fraction:
-    """A share of the files or rows, 0 to 1."""
+    """A share of the files or rows, from 0 to 1."""
 
     value: float
     span: Span = field(compare=False)
@@ -162,7 +166,7 @@ class Fraction:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks by their numbers, from 1."""
+    """Blocks of rows by their numbers, counted from 1."""
 
     numbers: tuple[int, ...]
     span: Span = field(compare=False)
@@ -253,12 +257,13 @@ Share: TypeAlias = Annotated[OneShare, reads(_read_share, _SHARE)]
 
 
 class Split(Entry):
-    """`by: file` and `by: fraction` take fractions, `by: block` takes numbers of blocks, `by: time`
-    ranges of time such as `[60 s, 80 s]`, or of dates, whose end is not in it.
+    """How the data are divided into the sets train, val and test.
 
-    `by: fraction` cuts each record in time: train first, then val, then test. Without `train`
-    what the others leave is its share. `by: kfold` makes `k` folds, of files where there are at
-    least so many and else of blocks of each record: fold number `fold` is val, the others train.
+    `by: file` and `by: fraction` take fractions, `by: block` takes numbers of blocks. `by: time`
+    takes ranges of time such as `[60 s, 80 s]`, or of dates, whose end is not included. `by:
+    fraction` cuts each record in time: train first, then val, then test. Without `train`, that set
+    gets what the others leave. `by: kfold` makes `k` folds, of files if there are at least `k`,
+    else of blocks of each record: fold number `fold` is val, the others train.
     """
 
     noun: ClassVar[str] = "split"
@@ -313,7 +318,9 @@ class Split(Entry):
         return self
 
     def _misfit(self, share: OneShare, before: Sequence[OneShare]) -> tuple[str, str] | None:
-        """The reason why a share does not fit those before it, and its repair."""
+        """The reason why a share does not fit the key `by:` or the shares before it, and its
+        repair; None if it fits.
+        """
         wanted = f"write for example `{_EXAMPLES[self.by]}`"
         # a share of another kind than `by:` wants fits nothing, whatever its numbers are
         match share:
@@ -417,7 +424,7 @@ GapField: TypeAlias = Annotated[float | Duration, reads(_read_gap, _GAP)]
 class Csv(Entry):
     """The layout of a text file: `skip` lines, then a header if there is one, then rows.
 
-    Without `delimiter` cells are separated by commas, in `.tsv` files by tabs.
+    Without `delimiter`, commas separate the cells, in `.tsv` files tabs.
     """
 
     noun: ClassVar[str] = "csv"
@@ -496,11 +503,12 @@ SECOND = parse_unit("s")
 
 
 class Layout(Entry):
-    """The layout of one set of files, or the default of all; None where it is not given.
+    """The layout of the files of one set, or the default for all sets.
 
-    `first` and `last` (written `from`, `to`) are rows from 0, times of the time column, or dates
-    where these are dates, both inclusive. `join` makes one record of files that follow each other
-    in time; `filter` keeps the rows for which a comparison of signals holds.
+    `from` and `to` are the first and the last row that are used, both included: numbers of rows
+    from 0, times of the time column, or dates if this column has dates. `join` makes one record of
+    files that follow each other in time. `filter` keeps the rows for which a comparison of signals
+    holds. A key that is not given has the default of all sets.
     """
 
     # `from` is a word of Python
@@ -544,7 +552,7 @@ class Layout(Entry):
 
 
 class Source(Layout):
-    """The files of one set; globs, relative to the spec."""
+    """The files of one set: names or globs, relative to the spec."""
 
     noun: ClassVar[str] = "a data source"
     shorthand: ClassVar[str | None] = "files"

@@ -1,1 +1,3 @@
-"""The scalar functions, one family a file, each written once for every backend."""
+"""The scalar functions as traced routines, one family per file, each written once for all
+backends.
+"""

@@ -1,4 +1,5 @@
-"""Arithmetic with unevaluated sums of two reals, and exact errors of + and ×.
+"""Arithmetic on pairs of reals whose exact sum is the value (double words), and the exact errors of
++ and ×.
 
 Algorithms of T. J. Dekker, "A floating-point technique for extending the available precision",
 Numerische Mathematik 18 (1971), and D. E. Knuth's two-sum.
@@ -12,7 +13,9 @@ from compiler.kernels.trace.values import Real
 
 
 def polynomial(x: Real, coefficients: Sequence[float]) -> Real:
-    """c₀ + x·(c₁ + x·(c₂ + …)) by Horner's rule; at least two coefficients."""
+    """c₀ + x·(c₁ + x·(c₂ + …)) by Horner's rule, with the `coefficients` c₀, c₁, …, at
+    least two.
+    """
     total = x * coefficients[-1] + coefficients[-2]
     for coefficient in reversed(coefficients[:-2]):
         total = total * x + coefficient
@@ -20,14 +23,16 @@ def polynomial(x: Real, coefficients: Sequence[float]) -> Real:
 
 
 def ordered_sum(larger: Real, smaller: Real) -> tuple[Real, Real]:
-    """larger + smaller rounded, and its exact error; |larger| ≥ |smaller| or larger = 0."""
+    """Returns the rounded sum larger + smaller and its exact rounding error. Requires |larger| ≥
+    |smaller| or larger = 0.
+    """
     # Dekker's fast two-sum (1971)
     total = larger + smaller
     return total, smaller - (total - larger)
 
 
 def exact_sum(a: Real, b: Real) -> tuple[Real, Real]:
-    """a + b rounded, and its exact error, in any order of magnitude."""
+    """Returns the rounded sum a + b and its exact rounding error. Either may be the larger one."""
     total = a + b
     # Knuth's two-sum: six operations and no comparison of sizes
     part = total - a
@@ -35,7 +40,9 @@ def exact_sum(a: Real, b: Real) -> tuple[Real, Real]:
 
 
 def split(x: Real) -> tuple[Real, Real]:
-    """x as an exact sum of two reals with half the digits each; |x| far below overflow."""
+    """Returns two reals with half the significant bits each, whose exact sum is x; the larger comes
+    first. x must be far below overflow.
+    """
     shift = (x.format.digits + 1) // 2
     # Veltkamp's splitting
     scaled = x * (2.0**shift + 1.0)
@@ -44,7 +51,9 @@ def split(x: Real) -> tuple[Real, Real]:
 
 
 def exact_product(a: Real, b: Real) -> tuple[Real, Real]:
-    """a·b rounded, and its exact error (unless that is subnormal)."""
+    """Returns the rounded product a·b and its rounding error, which is exact unless it is
+    subnormal.
+    """
     product = a * b
     a_high, a_low = split(a)
     b_high, b_low = split(b)
@@ -54,7 +63,8 @@ def exact_product(a: Real, b: Real) -> tuple[Real, Real]:
 
 
 def reciprocal(high: Real, low: Real) -> Real:
-    """1 / (high + low) with little more than the rounding of the result; |low| ≤ ulp(high)/2.
+    """1 / (high + low), with an error little above the rounding of the result, for |low| ≤
+    ulp(high)/2.
 
     A quotient q cut to half the digits makes 1 − q·high exact, so that only the last sum q + q·rest
     rounds significantly.

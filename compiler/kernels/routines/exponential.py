@@ -1,4 +1,6 @@
-"""e^x and its reduced form, ln x, sigmoid and softplus."""
+"""The kernels exp, log, sigmoid and softplus, and the reductions of e^x and ln x that other kernels
+share.
+"""
 
 from __future__ import annotations
 
@@ -31,16 +33,20 @@ from compiler.kernels.trace.values import (
 
 
 def round_to_integer(x: Real) -> Real:
-    """The nearest integer, ties to even, for |x| ≤ 2^(digits − 2)."""
+    """The integer nearest to x, the even one of two equally near ones, for |x| ≤ 2^(digits − 2),
+    where `digits` is the number of significand bits.
+    """
     shift = 1.5 * 2.0 ** (x.format.digits - 1)
     # the sum has no fraction bits left; -ffast-math would break this, which the self-test finds
     return (x + shift) - shift
 
 
 def reduce_exponential(x: Real) -> tuple[Real, Real, Real]:
-    """n, s, rest with e^x = 2^n·(1 + s + rest), n an integer, |s| < 0.415, rest tiny.
+    """Returns n, s and rest with e^x = 2^n·(1 + s + rest): n an integer, |s| < 0.415, rest the
+    small part that s lost by rounding.
 
-    x = n·ln 2 + r, |r| ≤ ln 2 / 2, with n·(first word of ln 2) exact; s + rest = r + r²·P(r).
+    x = n·ln 2 + r with |r| ≤ ln 2 / 2, and s + rest = r + r²·P(r) with the polynomial P. The
+    product of n and the first word of ln 2 is exact.
     """
     ln_2_high, ln_2_low = LN_2[x.format]
     count = round_to_integer(x * INVERSE_LN_2[x.format][0]).named("count")
@@ -65,7 +71,8 @@ def small_power_of_two(count: Real, limit: int) -> Real:
 
 
 def scale_factors(count: Real) -> tuple[Real, Real]:
-    """Two powers of two with product 2^count, for integers count ≥ smallest exponent − 1.
+    """Two powers of two, first and second, with the product 2^count, for integers count ≥ smallest
+    exponent − 1.
 
     m·first is exact for m near 1, so that (m·first)·second rounds once, also if it is subnormal or
     infinite.
@@ -81,7 +88,7 @@ def scale_factors(count: Real) -> tuple[Real, Real]:
 
 
 def overflowed(x: Real) -> Real:
-    """Infinity with the sign of x for |x| ≥ 2; NaN stays NaN."""
+    """Infinity with the sign of x for |x| ≥ 2, by a product that overflows; NaN stays NaN."""
     return x * 2.0 ** (x.format.overflow_exponent - 1)
 
 
@@ -104,7 +111,7 @@ EXP = Subroutine("exp", ("x",), "e^x", _exp)
 
 
 def normalise(x: Real) -> tuple[Real, Real]:
-    """m, e with x = m·2^e exactly, 1 ≤ m < 2, e an integer, for finite x ≥ 1."""
+    """Returns m and e with x = m·2^e exactly, 1 ≤ m < 2 and e an integer, for finite x ≥ 1."""
     # portable C cannot read the bits of a float, so compare and scale
     mantissa = x
     parts: list[Real] = []
@@ -121,7 +128,9 @@ def normalise(x: Real) -> tuple[Real, Real]:
 
 
 def reduce_logarithm(x: Real) -> tuple[Real, Real]:
-    """f, e with x = (1 + f)·2^e exactly, √½ ≤ 1 + f < √2, for finite x > 0, also subnormal x."""
+    """Returns f and e with x = (1 + f)·2^e exactly, √½ ≤ 1 + f < √2 and e an integer, for finite x
+    > 0, also subnormal x.
+    """
     # two steps scale every positive number below 1 into the range of `normalise`
     half = x.format.overflow_exponent // 2
     lift = float(-x.format.smallest_exponent - half)
@@ -138,9 +147,10 @@ def reduce_logarithm(x: Real) -> tuple[Real, Real]:
 
 
 def log_1p_rest(f: Real, addend: Real) -> Real:
-    """log(1 + f) + addend − f for −0.3 < f < 0.4143, addend small.
+    """log(1 + f) + addend − f for −0.3 < f < 0.4143 and a small addend: the part of the logarithm
+    without its leading term f.
 
-    With s = f/(2 + f), h = f²/2 and log((1+s)/(1−s)) = 2s + s·R this is s·(h + R) − h.
+    With s = f/(2 + f), h = f²/2 and log((1+s)/(1−s)) = 2s + s·R this is s·(h + R) − h + addend.
     """
     s = f / (2.0 + f)
     square = s * s
@@ -174,12 +184,14 @@ LOG = Subroutine("log", ("x",), "Natural logarithm.", _log)
 
 
 def _limit(format: Format) -> float:
-    """The limit beyond which e^−|x| is less than 1/16 of the last digit of 1."""
+    """The |x| beyond which e^−|x| is less than 1/16 of the last digit of 1 in this format."""
     return (format.digits + 3.0) * 0.6931471805599453
 
 
 def _outside(x: Real, above: Callable[[], Real]) -> Real:
-    """The value for |x| beyond the limit: e^x for x < 0, elsewhere above(), which receives NaN."""
+    """The value of sigmoid or softplus for |x| beyond `_limit`, and for NaN: e^x if x < 0, else
+    `above()`.
+    """
     return branch(x < 0.0, lambda: call(EXP, x), above, "outside")
 
 

@@ -1,4 +1,4 @@
-"""tanh, sinh and cosh: a polynomial near 0, the reduced exponential elsewhere."""
+"""The kernels tanh, sinh and cosh: a polynomial near 0, elsewhere e^x by `reduce_exponential`."""
 
 from __future__ import annotations
 
@@ -22,23 +22,27 @@ from compiler.kernels.trace.values import Real, Subroutine, Value, branch, selec
 
 
 def tiny(format: Format) -> float:
-    """The limit below which an odd function with derivative 1 at 0 rounds to its argument."""
+    """The |x| below which an odd function with derivative 1 at 0, such as sin, rounds to x itself
+    in this format.
+    """
     return 2.0 ** -((format.digits + 1) // 2)
 
 
 def odd_near_zero(x: Real, coefficients: tuple[float, ...]) -> Real:
-    """x + x·z·P(z), z = x²."""
+    """x + x·z·P(z) with z = x² and the polynomial P of these coefficients, constant term first."""
     square = x * x
     return x + x * (square * polynomial(square, coefficients))
 
 
 def with_sign_of(x: Real, magnitude: Real) -> Real:
-    """The magnitude, negated where x < 0."""
+    """`magnitude`, negated where x < 0."""
     return select(x < 0.0, -magnitude, magnitude)
 
 
 def odd_function(x: Real, near: Callable[[], Real], far: Callable[[Real], Real]) -> Real:
-    """x if tiny, near() for |x| < 1, elsewhere far(|x|) with the sign of x; NaN is preserved."""
+    """An odd function of x with derivative 1 at 0: x if |x| is tiny, `near()` for |x| < 1, else
+    `far(|x|)` with the sign of x. `far` also receives NaN.
+    """
     size = abs(x).named("size")
 
     def not_near() -> Real:
@@ -78,7 +82,7 @@ def _tanh(x: Real) -> tuple[Value, ...]:
 
 
 def _half_exponential(x: Real) -> tuple[Real, Real]:
-    """e^x / 2 rounded, and its error."""
+    """Returns e^x / 2 rounded, and its rounding error."""
     count, s, rest = reduce_exponential(x)
     first, second = scale_factors(count - 1.0)
     whole = 1.0 + s
@@ -87,7 +91,7 @@ def _half_exponential(x: Real) -> tuple[Real, Real]:
 
 
 def _hyperbolic_limit(format: Format) -> float:
-    """The limit beyond which e^x / 2 is certainly infinite."""
+    """The x beyond which e^x / 2 is certainly infinite in this format."""
     return EXPONENTIAL_LIMITS[format][0] + 1.0
 
 

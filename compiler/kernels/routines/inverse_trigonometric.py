@@ -1,4 +1,6 @@
-"""asin, acos, atan and atan2, after the argument reductions of fdlibm (Sun Microsystems, 1993)."""
+"""The kernels asin, acos, atan and atan2, with the argument reductions of fdlibm (Sun Microsystems,
+1993).
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ from compiler.kernels.trace.values import (
 
 
 def _half_angle(size: Real) -> tuple[Real, Real]:
-    """asin √((1 − size)/2) for ½ ≤ size ≤ 1 as the sum of an exact short word and a remainder."""
+    """asin √((1 − size)/2) for ½ ≤ size ≤ 1, as two reals to be added: a short one with half the
+    digits, and the remainder.
+    """
     square = 0.5 * (1.0 - size)
     root = square_root(square).named("root")
     short, _ = split(root)
@@ -83,8 +87,11 @@ def _acos(x: Real) -> tuple[Value, ...]:
 
 
 def _atan_reduced(size: Real) -> tuple[Real, Real, Real, Real]:
-    """numerator, denominator, base, base_rest with atan size = base + atan(numerator/denominator),
-    the quotient within ±7/16: atan x − atan c = atan((x − c)/(1 + c·x)) for c = ½, 1, 3/2, ∞."""
+    """Returns numerator, denominator, base and base_rest with atan size = base + base_rest +
+    atan(numerator/denominator), for size ≥ 0.
+
+    The quotient is within ±7/16: atan x − atan c = atan((x − c)/(1 + c·x)) for c = ½, 1, 3/2 or ∞.
+    """
 
     def at_half() -> tuple[Real, ...]:
         # both doubled: 2x − 1 is exact
@@ -141,7 +148,9 @@ def _atan(x: Real) -> tuple[Value, ...]:
 
 
 def is_negative(x: Real, name: str) -> Truth:
-    """True if the sign bit of x is set; x is not NaN."""
+    """True if the sign bit of x is set, also for −0; x is not NaN. `name` is the name of the local
+    variable in generated code.
+    """
     # comparisons cannot distinguish −0 from 0, but 1/−0 is −∞
     sign = branch(abs(x) > 0.0, lambda: x, lambda: 1.0 / x, name)
     return sign < 0.0

@@ -1,4 +1,6 @@
-"""x^y = e^(y·ln x), with the logarithm and its product with y in two words."""
+"""The kernel x^y = e^(y·ln x); ln x and y·ln x are sums of two reals, since one has too
+few digits.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ from compiler.kernels.trace.values import (
 
 
 def _logarithm_words(x: Real) -> tuple[Value, ...]:
-    """2s + s·(2/3·z + z²·P(z)) + e·ln 2 with x = (1 + f)·2^e, s = f/(2 + f), z = s²."""
+    """ln x as a rounded sum and its remainder, for finite x > 0: 2s + s·(2/3·z + z²·P(z)) + e·ln 2
+    with x = (1 + f)·2^e, s = f/(2 + f), z = s² and a polynomial P.
+    """
     # e^(y·ln x) turns absolute into relative errors: for y·ln x in the hundreds, one word of ln x
     # would lose two digits
     f, exponent = reduce_logarithm(x)
@@ -68,7 +72,7 @@ LOGARITHM_WORDS = Subroutine(
 
 
 def _exponential_of_words(high: Real, low: Real) -> Real:
-    """e^(high + low) with overflow to infinity and gradual underflow."""
+    """e^(high + low); infinity beyond the format's range, and gradual underflow to 0."""
     largest, smallest = EXPONENTIAL_LIMITS[high.format]
 
     def inside() -> Real:
@@ -84,7 +88,9 @@ def _exponential_of_words(high: Real, low: Real) -> Real:
 
 
 def _finite_power(base: Real, y: Real) -> Real:
-    """base^y for finite base > 0. Exponents beyond the clamp give 0, 1 or infinity anyway."""
+    """base^y for finite base > 0. A y of huge magnitude is clamped: the result is 0, 1 or infinity
+    anyway.
+    """
     logarithm, logarithm_rest = LOGARITHM_WORDS(base)
     assert isinstance(logarithm, Real)
     assert isinstance(logarithm_rest, Real)
@@ -96,7 +102,9 @@ def _finite_power(base: Real, y: Real) -> Real:
 
 
 def _split_exponent(size: Real) -> tuple[Truth, Truth]:
-    """Two conditions for size ≥ 0: it has a fraction, it is odd; large numbers are even."""
+    """Returns two conditions on an exponent `size` ≥ 0: it is no integer, and it is an odd integer.
+    Numbers from 2^digits on are even integers.
+    """
     kind = ValueKind.UNSIGNED if size.format.digits < 32 else ValueKind.WIDE
 
     def small() -> tuple[Value, ...]:

@@ -1,4 +1,4 @@
-"""sin, cos and tan of every finite angle."""
+"""The kernels sin, cos and tan of every finite angle in rad."""
 
 from __future__ import annotations
 
@@ -37,14 +37,18 @@ from compiler.kernels.trace.values import (
 
 
 def _sine(high: Real, low: Real) -> Real:
-    """sin(high + low) on |high| ≤ π/4: high + (high·z·P(z) + low·(1 − z/2)), z = high²."""
+    """sin(high + low) for |high| ≤ π/4 and a small low: high + (high·z·P(z) + low·(1 − z/2)) with z
+    = high² and the polynomial P of `SINE`.
+    """
     square = high * high
     cubic = high * (square * polynomial(square, SINE[high.format]))
     return high + (cubic + (low - 0.5 * square * low))
 
 
 def _cosine(high: Real, low: Real) -> Real:
-    """cos(high + low) on |high| ≤ π/4: 1 − z/2 + (z²·P(z) − high·low), z = high²."""
+    """cos(high + low) for |high| ≤ π/4 and a small low: 1 − z/2 + (z²·P(z) − high·low) with z =
+    high² and the polynomial P of `COSINE`.
+    """
     square = high * high
     half = 0.5 * square
     whole = 1.0 - half
@@ -54,14 +58,14 @@ def _cosine(high: Real, low: Real) -> Real:
 
 
 def _tangent(high: Real, low: Real) -> tuple[Real, Real]:
-    """tan(high + low) on |high| ≤ π/4 in two words."""
+    """tan(high + low) for |high| ≤ π/4 and a small low, as a rounded value and its remainder."""
     cubic = _tangent_beyond(high)
     slope = 1.0 + (high + cubic) * (high + cubic)
     return ordered_sum(high, cubic + low * slope)
 
 
 def _tangent_beyond(x: Real) -> Real:
-    """tan(x) − x on |x| ≤ π/4."""
+    """tan(x) − x for |x| ≤ π/4, as x·z·P(z) with z = x² and the polynomial P of `TANGENT`."""
     square = x * x
     return x * (square * polynomial(square, TANGENT[x.format]))
 
@@ -120,7 +124,7 @@ def _tan(x: Real) -> tuple[Value, ...]:
 
 
 def _finite_odd(x: Real, size: Real, general: Callable[[], Real]) -> Real:
-    """x if tiny, NaN if infinite, elsewhere general()."""
+    """x if |x| (`size`) is tiny, NaN if it is infinite or NaN, else `general()`."""
     return branch(
         size < tiny(x.format),
         lambda: x,
@@ -138,12 +142,16 @@ _RESULTS = ("high", "low", "quadrant")
 
 
 def _largest_count(x: Real) -> float:
-    """Maximum number of quarter turns whose product with a part of π/2 is exact."""
+    """Maximum number of quarter turns whose product with the first part of π/2 is exact, in the
+    format of x.
+    """
     return 2.0**7 if x.format.digits == 24 else 2.0**10
 
 
 def _reduce_small(x: Real) -> tuple[Value, ...]:
-    """x − count·π/2 after W. J. Cody and W. Waite, with π/2 in three words."""
+    """Returns high, low and quadrant as `reduce_angle`, for angles up to 2^7 (float) or 2^10
+    (double) quarter turns: x − count·π/2 after W. J. Cody and W. Waite, with π/2 in three words.
+    """
     first, second, third = HALF_PI_PARTS[x.format]
     count = round_to_integer(x * TWO_OVER_PI[x.format][0]).named("count")
     # exact: the first part of π/2 is short enough for this number of quarter turns
@@ -170,13 +178,17 @@ REDUCE_ANGLE = Subroutine(
 
 
 def reduce_angle(x: Real) -> tuple[Real, Real, Unsigned]:
-    """high, low, quadrant with x ≡ quadrant·π/2 + high + low (mod 2π), |high| ≤ π/4, 0 ≤ x < ∞."""
+    """Returns high, low and quadrant (0 … 3) with x ≡ quadrant·π/2 + high + low (mod 2π) and |high|
+    ≤ π/4, for finite x ≥ 0.
+    """
     high, low, quadrant = REDUCE_ANGLE(x)
     return cast(Real, high), cast(Real, low), cast(Unsigned, quadrant)
 
 
 def reduce_huge(x: Real) -> tuple[Value, ...]:
-    """high, low, quadrant of finite x ≥ 2^7 (float) or 2^10 (double), as `reduce_angle`."""
+    """Returns high, low and quadrant as `reduce_angle`, for finite x from 2^7 (float) or 2^10
+    (double) on: multiplies x by enough binary digits of 2/π.
+    """
     mantissa, exponent = _integer_mantissa(x)
     # words of the fraction that are kept: a float's product needs fewer than a double's
     kept = 2 if len(mantissa) == 1 else 4
@@ -200,12 +212,16 @@ def reduce_huge(x: Real) -> tuple[Value, ...]:
 
 
 def _leading_zeros(format: Format) -> int:
-    """Number of zero words before 2/π, so that the index is ≥ 0 for the smallest exponent."""
+    """Number of zero words in front of the words of 2/π, so that the index into them is ≥ 0 for the
+    smallest exponent.
+    """
     return 1 if format.digits == 24 else 2
 
 
 def _integer_mantissa(x: Real) -> tuple[list[Unsigned], Unsigned]:
-    """32-bit digits of M, lowest first, and the position of the first relevant bit of 2/π."""
+    """Returns the 32-bit digits of the integer significand of x, lowest first, and a bit position:
+    that of the first relevant bit of 2/π, counted with the zero words in front.
+    """
     fraction, exponent = normalise(x)
     digits = x.format.digits
     position = to_unsigned(exponent + (32.0 * _leading_zeros(x.format) - digits - 1.0))
@@ -218,7 +234,9 @@ def _integer_mantissa(x: Real) -> tuple[list[Unsigned], Unsigned]:
 
 
 def _aligned_words(position: Unsigned, count: int, format: Format) -> list[Unsigned]:
-    """`count` words of 32 bits of the zeros and 2/π, starting at a bit position."""
+    """`count` words of 32 bits out of the leading zero words and the binary digits of 2/π,
+    beginning at the bit `position`.
+    """
     leading = _leading_zeros(format)
     last = (32 * leading + format.overflow_exponent - 1 - format.digits - 1) // 32 + count
     entries = ((0,) * leading + TWO_OVER_PI_WORDS)[: last + 1]
@@ -237,7 +255,8 @@ def _aligned_words(position: Unsigned, count: int, format: Format) -> list[Unsig
 
 
 def _product_fraction(mantissa: list[Unsigned], words: list[Unsigned]) -> list[Unsigned]:
-    """The leading 32-bit digits of the fraction of Σ mᵢ·2^(32 i) × Σ wⱼ·2^(−32(j+1)).
+    """The leading 32-bit digits of the fraction of Σ mᵢ·2^(32 i) × Σ wⱼ·2^(−32(j+1)), with mᵢ from
+    `mantissa` (lowest first) and wⱼ from `words`.
 
     The number of digits is that of `words` minus that of `mantissa`. The truncation error is below
     2 units of the last digit.
@@ -269,7 +288,9 @@ def _product_fraction(mantissa: list[Unsigned], words: list[Unsigned]) -> list[U
 
 
 def _sum_digits(digits: list[Unsigned], format: Format) -> tuple[Real, Real]:
-    """Σ dᵢ·2^(2 − 32(i+1)), the digits of a fraction of 4 quarter turns, in two words."""
+    """Σ dᵢ·2^(2 − 32(i+1)) of the 32-bit digits dᵢ, as a rounded value and its remainder. The
+    digits are a fraction of a full turn; the result counts quarter turns.
+    """
     if format.digits < 32:
         pieces = [half for digit in digits for half in (digit >> 16, digit & 0xFFFF)]
         bits = 16

@@ -1,1 +1,1 @@
-"""The numbers of the kernels: formats and coefficients."""
+"""The floating-point formats of the math kernels, and their coefficients."""

@@ -1,4 +1,4 @@
-"""Describes the two IEEE 754 formats that kernels are written for."""
+"""The two IEEE 754 formats of the math kernels, float32 and float64."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ RealName = Literal["float", "double"]
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A binary format: `digits` bits of significand, values below 2^`overflow_exponent`, the
-    smallest positive value 2^`smallest_exponent`."""
+    """A binary floating-point format: `digits` bits of significand, values below
+    2^`overflow_exponent`, and the smallest positive (subnormal) value 2^`smallest_exponent`.
+    """
 
     c_type: RealName
     dtype: np.dtype[Any]
@@ -23,7 +24,7 @@ class Format:
 
     @property
     def largest(self) -> float:
-        """The largest finite value."""
+        """The largest finite value of the format."""
         return (2.0 - 2.0 ** (1 - self.digits)) * 2.0 ** (self.overflow_exponent - 1)
 
 

@@ -1,1 +1,3 @@
-"""Traces a routine into statements, and evaluates or simplifies them."""
+"""Records the arithmetic of a kernel's Python function as statements (tracing), and evaluates or
+simplifies them.
+"""

@@ -1,4 +1,6 @@
-"""Executes a traced routine on numpy arrays, element by element, with the bits of its C text."""
+"""Executes a traced routine on numpy arrays, element by element, with the same bits as
+its C code.
+"""
 
 from __future__ import annotations
 
@@ -49,11 +51,12 @@ Note = Callable[[Outcome, NDArray[np.bool_]], None]
 def run_routine(
     routine: traced.Routine, arguments: tuple[Array, ...], note: Note | None = None
 ) -> tuple[Array, ...]:
-    """The results of a routine for arrays of one shape, at least 1-D, in the routine's format.
+    """The results of a routine, one array each, for one array per parameter: all of one shape, at
+    least 1-D, in the routine's format.
 
     If a branch differs between elements, both blocks run on the whole array and the condition
-    selects. Warnings of discarded elements are suppressed. `note` receives every outcome of a
-    condition, for the elements for which C would evaluate it.
+    selects. Warnings of discarded elements are suppressed. `note` receives both outcomes of each
+    condition, with a mask of the elements for which C would evaluate it to that outcome.
     """
     values = {
         parameter.index: argument
@@ -67,7 +70,9 @@ def run_routine(
 
 @dataclass(frozen=True, slots=True)
 class _Watch:
-    """Reports outcomes of conditions, for the elements that C would compute."""
+    """Reports the outcomes of conditions to `note`, for the elements at which C would evaluate
+    them; `present` is their mask.
+    """
 
     note: Note
     present: NDArray[np.bool_]
@@ -102,7 +107,10 @@ class _Watch:
         values: dict[int, Array],
         format: Format,
     ) -> None:
-        """C evaluates the second operand only where the first does not decide, recursively."""
+        """Reports the outcomes of both operands of `statement`, a && or ||. C evaluates the second
+        operand only where the first does not decide. `which` are the ids under which the outcomes
+        are reported.
+        """
         assert isinstance(statement.operation, traced.Binary)
         left, right = statement.operation.left, statement.operation.right
         first = _read(left, values, format)

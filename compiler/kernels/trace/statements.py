@@ -1,4 +1,4 @@
-"""Defines the statements of a traced kernel, the one form that numpy evaluates and C is made of.
+"""The statements of a traced kernel. numpy evaluates them, and the C code is generated from them.
 
 A routine is straight-line code in single assignment with structured branches. Every operation is
 exact or correctly rounded by IEEE 754, so that executing the same statements in the same order
@@ -16,7 +16,7 @@ from compiler.kernels.tables.formats import Format
 
 
 class ValueKind(Enum):
-    """The type of a value; REAL is the format of the routine."""
+    """The type of a value; REAL is float or double, the format of the routine."""
 
     REAL = "real"
     UNSIGNED = "uint32"
@@ -25,7 +25,7 @@ class ValueKind(Enum):
 
 
 class Operator(Enum):
-    """Two-operand operations; those on integers wrap modulo 2^32 or 2^64."""
+    """Operations with two operands. Those on integers wrap around, modulo 2^32 or 2^64."""
 
     ADD = "+"
     SUBTRACT = "-"
@@ -50,7 +50,7 @@ COMPARISONS = frozenset(
 
 
 class Function(Enum):
-    """One-operand operations, exact or correctly rounded."""
+    """Operations with one operand, exact or correctly rounded."""
 
     NEGATE = "negate"
     MAGNITUDE = "magnitude"
@@ -60,7 +60,9 @@ class Function(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Local:
-    """A value of the routine; `hint` is its name in the C text, empty for a nameless one."""
+    """A local variable of the routine, assigned once. `index` is its unique number, `hint` its name
+    in the C code, empty for a generated one.
+    """
 
     index: int
     kind: ValueKind
@@ -69,7 +71,7 @@ class Local:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A number, exactly representable in its kind."""
+    """A number that its kind represents exactly."""
 
     kind: ValueKind
     value: float | int
@@ -80,7 +82,7 @@ Operand = Local | Constant
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Constant numbers that are looked up by index."""
+    """An array of constants, read by index with `Lookup`; `name` is its name in the C code."""
 
     name: str
     kind: ValueKind
@@ -89,7 +91,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Unary:
-    """function(operand)."""
+    """`function` applied to the operand."""
 
     function: Function
     operand: Operand
@@ -97,7 +99,7 @@ class Unary:
 
 @dataclass(frozen=True, slots=True)
 class Binary:
-    """left operator right, both of one kind."""
+    """The result of `operator` for two operands of one kind, such as left + right."""
 
     operator: Operator
     left: Operand
@@ -106,7 +108,7 @@ class Binary:
 
 @dataclass(frozen=True, slots=True)
 class Select:
-    """`then` where the condition holds, else `otherwise`; both are already computed."""
+    """`then` where the condition is true, else `otherwise`; both are computed before."""
 
     condition: Operand
     then: Operand
@@ -115,7 +117,8 @@ class Select:
 
 @dataclass(frozen=True, slots=True)
 class Convert:
-    """The operand in the target's kind: reals are truncated to integers, 64 bits to the low 32.
+    """The operand converted to the kind of the variable that it is assigned to: reals are truncated
+    to integers, 64-bit integers to their low 32 bits.
 
     The kernel checks the range of a real before it converts it.
     """
@@ -125,7 +128,7 @@ class Convert:
 
 @dataclass(frozen=True, slots=True)
 class Lookup:
-    """table[index]; the kernel checks the range of the index."""
+    """The entry table[index]; the kernel ensures that the index is inside the table."""
 
     table: Table
     index: Operand
@@ -135,7 +138,7 @@ Operation = Unary | Binary | Select | Convert | Lookup
 
 
 def operation_operands(operation: Operation) -> tuple[Operand, ...]:
-    """The operands in the order of the formula."""
+    """The operands of an operation, in the order of its fields."""
     match operation:
         case Unary(_, operand) | Convert(operand) | Lookup(_, operand):
             return (operand,)
@@ -149,7 +152,7 @@ def operation_operands(operation: Operation) -> tuple[Operand, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Assign:
-    """target = operation."""
+    """Assigns the result of an operation to a new local variable."""
 
     target: Local
     operation: Operation
@@ -157,7 +160,7 @@ class Assign:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """targets = routine(arguments)."""
+    """Assigns the results of a call of `routine` to new local variables, one per result."""
 
     targets: tuple[Local, ...]
     routine: Routine
@@ -166,7 +169,9 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """targets = the values of the block that the condition chooses; the other is not executed."""
+    """Executes the block `then` if the condition is true, else `otherwise`, and assigns the values
+    of that block to `targets`.
+    """
 
     targets: tuple[Local, ...]
     condition: Operand
@@ -179,7 +184,7 @@ Statement = Assign | Call | Branch
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Statements in order, and the operands that hold the block's values after them."""
+    """Statements in order, and the operands that are the results of the block."""
 
     statements: tuple[Statement, ...]
     values: tuple[Operand, ...]
@@ -187,7 +192,9 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Routine:
-    """A traced function of reals; `results` has one name per value."""
+    """A traced function of reals: its parameters, its statements and the names of its results, one
+    per value of the body.
+    """
 
     name: str
     doc: str
@@ -198,16 +205,18 @@ class Routine:
 
 
 def drop_unused(block: Block) -> Block:
-    """The block with only the statements that its values depend on.
+    """The block without the statements on which none of its values depends.
 
-    Before: any block. After: every target is used, except some of a call with several results. E.g.
-    `a = x + 1; b = x · 2; values (b)` becomes `b = x · 2; values (b)`.
+    A call with several results keeps all of them if one is used. Example: `a = x + 1; b = x · 2;
+    values (b)` becomes `b = x · 2; values (b)`.
     """
     return _drop(block, set())
 
 
 def _drop(block: Block, used: set[Operand]) -> Block:
-    """Removes unused statements, and adds the operands of the others to `used`."""
+    """The block without statements whose targets are not in `used`, the operands that later
+    statements need. Adds the operands of the remaining statements to `used`.
+    """
     used.update(block.values)
     kept: list[Statement] = []
     # backwards: users come after a value and have marked it
@@ -246,13 +255,12 @@ _BITS = {ValueKind.UNSIGNED: 32, ValueKind.WIDE: 64}
 
 
 def without_branches(routine: Routine) -> Routine:
-    """The routine with both blocks of each branch, after which its values are selected.
+    """The routine with the statements of both blocks of each branch, followed by a selection of the
+    results; also in the routines that it calls. The results keep their bits.
 
-    Before: any routine. After: the same bits and no branch, in the routines that it calls neither.
-    What a block may take for granted where it is chosen no longer holds, so the arguments of
-    operations that C leaves undefined are replaced by 0 where they are outside their range.
-    E.g. `if x > 0 { y = table[n] } else { y = 0 }` becomes
-    `i = n < 9 ? n : 0; t = table[i]; y = x > 0 ? t : 0`.
+    A block may rely on the condition under which it runs, which no longer holds. Arguments for
+    which C leaves an operation undefined are therefore replaced by 0. Example: `if x > 0 { y =
+    table[n] } else { y = 0 }` becomes `i = n < 9 ? n : 0; t = table[i]; y = x > 0 ? t : 0`.
     """
     return _Flattening(routine).result()
 
@@ -310,7 +318,9 @@ class _Flattening:
                 return operation
 
     def _within(self, real: Local, limit: float) -> Operand:
-        """The number if it lies in 0 ≤ x < limit, else 0."""
+        """Adds statements for `real` if 0 ≤ real < limit, else 0; returns the local of
+        the result.
+        """
         above = self._new(Binary(Operator.GREATER_EQUAL, real, _ZERO), ValueKind.TRUTH)
         below = self._new(
             Binary(Operator.LESS, real, Constant(ValueKind.REAL, limit)), ValueKind.TRUTH
@@ -319,14 +329,18 @@ class _Flattening:
         return self._new(Select(inside, real, _ZERO), ValueKind.REAL)
 
     def _below(self, index: Local, limit: int) -> Operand:
-        """The integer if it is less than the limit, else 0."""
+        """Adds statements for `index` if it is less than the limit, else 0; returns the local of
+        the result.
+        """
         inside = self._new(
             Binary(Operator.LESS, index, Constant(index.kind, limit)), ValueKind.TRUTH
         )
         return self._new(Select(inside, index, Constant(index.kind, 0)), index.kind)
 
     def _root(self, real: Local) -> Operation:
-        """√x without a library's detour below zero: there it is 0 / 0, elsewhere √x / 1."""
+        """The square root of `real`, without the error handling of a C library for negative
+        arguments: there it is 0 / 0 (NaN), elsewhere √x / 1.
+        """
         negative = self._new(Binary(Operator.LESS, real, _ZERO), ValueKind.TRUTH)
         radicand = self._new(Select(negative, _ZERO, real), ValueKind.REAL)
         root = self._new(Unary(Function.SQUARE_ROOT, radicand), ValueKind.REAL)
@@ -341,7 +355,7 @@ class _Flattening:
 
 
 def _locals_within(routine: Routine) -> Iterator[Local]:
-    """The parameters of a routine and every local that it assigns."""
+    """The parameters of a routine and every local variable that it assigns, in order."""
     yield from routine.parameters
     yield from _assigned(routine.body)
 

@@ -1,4 +1,6 @@
-"""Records arithmetic on symbolic values in the tracer that they belong to."""
+"""Symbolic values with overloaded operators: arithmetic on them adds statements to their
+`Tracer`.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ from compiler.kernels.trace.statements import (
 
 
 class Tracer:
-    """Collects the statements of one routine; blocks nest, locals are numbered over the routine."""
+    """Collects the statements of one routine in a format. Blocks nest; local variables are numbered
+    over the whole routine.
+    """
 
     def __init__(self, format: Format) -> None:
         self.format = format
@@ -51,7 +55,9 @@ class Tracer:
         return target
 
     def rename(self, local: Operand, hint: str) -> Operand:
-        """The value under a name for the C text; its statement is the last one of the block."""
+        """The same local variable with the name `hint` in the C code. It must be the target of the
+        last statement of the current block, otherwise AssertionError.
+        """
         last = self._blocks[-1][-1]
         assert isinstance(last, Assign), "only the newest value can be named"
         assert last.target == local, "only the newest value can be named"
@@ -63,7 +69,9 @@ class Tracer:
         self._blocks[-1].append(statement)
 
     def block(self, build: Callable[[], tuple[Value, ...]]) -> Block:
-        """The statements that `build` performs, as a block of their own."""
+        """Runs `build` and returns the statements that it adds as a block of their own, with the
+        values that it returns as the block's results.
+        """
         self._blocks.append([])
         values = build()
         return Block(tuple(self._blocks.pop()), tuple(value.operand for value in values))
@@ -71,7 +79,9 @@ class Tracer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Value:
-    """An operand together with the tracer that records what is done to it."""
+    """A local variable or constant, with the tracer to which operations on it add their
+    statements.
+    """
 
     tracer: Tracer
     operand: Operand
@@ -84,7 +94,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth(Value):
-    """A condition."""
+    """A symbolic condition; `&`, `|` and `~` combine conditions."""
 
     def __and__(self, other: Truth) -> Truth:
         operand = self._binary(Operator.BOTH, self.operand, other.operand, ValueKind.TRUTH)
@@ -101,14 +111,14 @@ class Truth(Value):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unsigned(Value):
-    """An unsigned integer of 32 bits, or of 64 where its operand is WIDE."""
+    """A symbolic unsigned integer of 32 bits, or of 64 if the kind of its operand is WIDE."""
 
     @property
     def kind(self) -> ValueKind:
         return self.operand.kind
 
     def lift(self, other: Unsigned | int) -> Operand:
-        """The operand of a value, or a constant of this value's kind."""
+        """The operand of `other`; a Python integer becomes a constant of this value's kind."""
         return other.operand if isinstance(other, Unsigned) else Constant(self.kind, other)
 
     def _compute(self, operator: Operator, other: Unsigned | int) -> Unsigned:
@@ -154,14 +164,14 @@ class Unsigned(Value):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Real(Value):
-    """A floating-point number of the routine's format."""
+    """A symbolic floating-point number in the routine's format."""
 
     @property
     def format(self) -> Format:
         return self.tracer.format
 
     def lift(self, other: Real | float) -> Operand:
-        """The operand of a value, or a constant of this format."""
+        """The operand of `other`; a Python number becomes a constant, rounded to this format."""
         return other.operand if isinstance(other, Real) else real_constant(other, self.format)
 
     def _compute(self, operator: Operator, left: Operand, right: Operand) -> Real:
@@ -216,18 +226,24 @@ class Real(Value):
         return self._compare(Operator.GREATER_EQUAL, other)
 
     def named(self, hint: str) -> Real:
-        """The same value, under this name in the C text."""
+        """The same value, under the name `hint` in the C code. It must be the newest value of its
+        block, otherwise AssertionError.
+        """
         return Real(self.tracer, self.tracer.rename(self.operand, hint))
 
 
 def real_constant(value: float, format: Format) -> Constant:
-    """The number rounded to the format, so that every reader has the same one."""
+    """A constant with the value rounded to the format, so that numpy and the C compiler use the
+    same number.
+    """
     # through the format: 0.1 is another number in single precision, and C is to read that one
     return Constant(ValueKind.REAL, float(format.dtype.type(value)))
 
 
 def symbolic(tracer: Tracer, target: Local) -> Value:
-    """A local variable as a value of its kind."""
+    """The local variable `target` as a `Real`, `Truth` or `Unsigned`, by its kind; operations on it
+    are recorded by `tracer`.
+    """
     match target.kind:
         case ValueKind.REAL:
             return Real(tracer, target)
@@ -238,12 +254,12 @@ def symbolic(tracer: Tracer, target: Local) -> Value:
 
 
 def constant(like: Real, value: float) -> Real:
-    """A constant in the format of `like`."""
+    """A constant with this value, in the format and tracer of `like`."""
     return Real(like.tracer, real_constant(value, like.format))
 
 
 def integer(like: Value, value: int) -> Unsigned:
-    """A 32-bit integer constant."""
+    """A 32-bit integer constant in the tracer of `like`."""
     return Unsigned(like.tracer, Constant(ValueKind.UNSIGNED, value))
 
 
@@ -261,28 +277,30 @@ def to_unsigned(x: Real, kind: ValueKind = ValueKind.UNSIGNED) -> Unsigned:
 
 
 def to_real(n: Unsigned) -> Real:
-    """The integer as a real; kernels convert only integers that the format represents exactly."""
+    """The integer n as a real; kernels convert only integers that the format represents exactly."""
     return Real(n.tracer, n.tracer.assign(Convert(n.operand), ValueKind.REAL))
 
 
 def to_kind(n: Unsigned, kind: ValueKind) -> Unsigned:
-    """The integer extended to 64 bits, or its low 32 bits."""
+    """The integer n converted to `kind`: extended to 64 bits (WIDE), or its low 32 bits
+    (UNSIGNED).
+    """
     return Unsigned(n.tracer, n.tracer.assign(Convert(n.operand), kind))
 
 
 def look_up(table: Table, index: Unsigned) -> Real:
-    """An entry of a table of reals."""
+    """The entry of a table of reals at `index`, which must be inside the table."""
     return Real(index.tracer, index.tracer.assign(Lookup(table, index.operand), ValueKind.REAL))
 
 
 def look_up_word(table: Table, index: Unsigned) -> Unsigned:
-    """An entry of a table of 32-bit integers."""
+    """The entry of a table of 32-bit integers at `index`, which must be inside the table."""
     operand = index.tracer.assign(Lookup(table, index.operand), ValueKind.UNSIGNED)
     return Unsigned(index.tracer, operand)
 
 
 def select(condition: Truth, then: Real | float, otherwise: Real | float) -> Real:
-    """One of two values; both are computed."""
+    """`then` if the condition is true, else `otherwise`; both are computed in any case."""
     tracer = condition.tracer
     first = then if isinstance(then, Real) else Real(tracer, real_constant(then, tracer.format))
     operation = Select(condition.operand, first.operand, first.lift(otherwise))
@@ -290,7 +308,7 @@ def select(condition: Truth, then: Real | float, otherwise: Real | float) -> Rea
 
 
 def select_word(condition: Truth, then: Unsigned, otherwise: Unsigned | int) -> Unsigned:
-    """One of two integers of the same kind."""
+    """`then` if the condition is true, else `otherwise`: integers of the same kind."""
     operation = Select(condition.operand, then.operand, then.lift(otherwise))
     return Unsigned(condition.tracer, condition.tracer.assign(operation, then.kind))
 
@@ -298,7 +316,9 @@ def select_word(condition: Truth, then: Unsigned, otherwise: Unsigned | int) -> 
 def branch(
     condition: Truth, then: Callable[[], Real], otherwise: Callable[[], Real], name: str = ""
 ) -> Real:
-    """The value of one of two computations; only that one is executed."""
+    """The value of `then()` if the condition is true, else of `otherwise()`; only this one is
+    executed. `name` is the name of the result in the C code.
+    """
     return cast(
         Real,
         branch_tuple(condition, lambda: (then(),), lambda: (otherwise(),), (name,))[0],
@@ -311,7 +331,9 @@ def branch_tuple(
     otherwise: Callable[[], tuple[Value, ...]],
     names: tuple[str, ...],
 ) -> tuple[Value, ...]:
-    """Like `branch`, for several values, with one name each."""
+    """The values of `then()` if the condition is true, else of `otherwise()`: tuples of the same
+    kinds. `names` has one name per value for the C code.
+    """
     tracer = condition.tracer
     first = tracer.block(then)
     second = tracer.block(otherwise)
@@ -325,7 +347,9 @@ def branch_tuple(
 
 @dataclass(frozen=True, slots=True)
 class Subroutine:
-    """The Python text of a kernel; `build` maps one Real per parameter to one value per result."""
+    """A kernel as a Python function: `build` maps one Real per parameter to one value per result.
+    `doc` describes it in the C code.
+    """
 
     name: str
     parameters: tuple[str, ...]
@@ -334,7 +358,9 @@ class Subroutine:
     results: tuple[str, ...] = ("result",)
 
     def __call__(self, *arguments: Real) -> tuple[Value, ...]:
-        """Records a call of this routine by the routine that is being traced."""
+        """Adds a call of this routine to the routine that is being traced, and returns the results
+        as symbolic values.
+        """
         tracer = arguments[0].tracer
         routine = trace(self, tracer.format)
         kinds = tuple(value.kind for value in routine.body.values)
@@ -347,7 +373,7 @@ class Subroutine:
 
 
 def call(subroutine: Subroutine, *arguments: Real) -> Real:
-    """Calls a routine with a single real result."""
+    """Adds a call of a subroutine with a single result, a real, and returns that result."""
     (result,) = subroutine(*arguments)
     assert isinstance(result, Real)
     return result
@@ -356,7 +382,7 @@ def call(subroutine: Subroutine, *arguments: Real) -> Real:
 # cached by kernel and format: a shared routine is traced and written once
 @cache
 def trace(subroutine: Subroutine, format: Format) -> Routine:
-    """The statements of a kernel in one format."""
+    """Runs `subroutine.build` on symbolic arguments and returns its statements in this format."""
     tracer = Tracer(format)
     parameters = tuple(tracer.new_local(ValueKind.REAL, name) for name in subroutine.parameters)
     arguments = tuple(Real(tracer, parameter) for parameter in parameters)

@@ -1,1 +1,1 @@
-"""Shared parts of layers: arguments, memory, arrays, initial fits."""
+"""Parts that several layers share: reading of arguments, states, arrays, and initial fits."""

@@ -1,4 +1,6 @@
-"""Reads the arguments of layers: values, time windows, and arrays that are named parameters."""
+"""Reads the arguments of layer calls: values, time windows, and arrays that are named
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +21,17 @@ from spec_schema.sections.values import Parameter
 
 
 class Windowed(Protocol):
-    """Settings of a layer that runs over a window."""
+    """Settings of a layer that runs over a window; `window` is None if the argument itself must
+    have one.
+    """
 
     @property
     def window(self) -> Length | None: ...
 
 
 def read_values(context: LayerContext, count: int) -> Arguments:
-    """The nodes of a layer call's arguments; reports an error unless there are exactly `count`.
-
-    Raises LoweringFailed after an error.
+    """The nodes of a layer call's arguments. Reports an error unless there are exactly `count`, and
+    no keywords, and raises LoweringFailed.
     """
     wanted = f"{count} argument{'s' if count > 1 else ''}"
     _check_count(context, wanted, len(context.call.arguments) == count)
@@ -36,13 +39,17 @@ def read_values(context: LayerContext, count: int) -> Arguments:
 
 
 def read_value(context: LayerContext, settings: Entry) -> Arguments:
-    """The node of a layer call's only argument, of any shape; ignores the settings of the layer."""
+    """The node of a layer call's only argument, of any shape, in a tuple; `settings` have no
+    effect. Raises LoweringFailed after reporting another number of arguments.
+    """
     del settings
     return read_values(context, 1)
 
 
 def read_scalars(context: LayerContext, count: int) -> Arguments:
-    """Like `read_values`, for arguments that have no axes except a window."""
+    """The nodes of exactly `count` arguments, which may have a window but no other axes. Otherwise
+    reports the mistake and raises LoweringFailed.
+    """
     nodes = read_values(context, count)
     for node, argument in zip(nodes, context.call.arguments, strict=True):
         others = context.elements(node)
@@ -59,9 +66,11 @@ def read_scalars(context: LayerContext, count: int) -> Arguments:
 
 
 def read_elements(context: LayerContext, settings: Entry) -> Arguments:
-    """One value with an axis that the layer sums over, or several values, concatenated.
+    """One node with at least one axis besides the window: the only argument, or the elements of all
+    arguments concatenated. A scalar becomes one element.
 
-    The result has such an axis: a scalar becomes one element.
+    `settings` have no effect. Reports windows of different lengths or a call without arguments, and
+    raises LoweringFailed.
     """
     del settings
     _check_count(context, "1 or more arguments", bool(context.call.arguments))
@@ -84,8 +93,9 @@ def read_elements(context: LayerContext, settings: Entry) -> Arguments:
 
 
 def read_window(context: LayerContext, settings: Windowed) -> Arguments:
-    """The window that a filter runs over: the layer's own over the argument, or the argument's
-    (R1).
+    """The node of the window over which a filter runs, in a tuple: the argument over the layer's
+    `window:`, or the argument's own window (R1). Reports a missing or a different window, or a
+    static model, and raises LoweringFailed.
     """
     _check_count(context, "1 argument", len(context.call.arguments) == 1)
     lowering, argument = context.lowering, context.call.arguments[0]
@@ -109,7 +119,9 @@ def read_window(context: LayerContext, settings: Windowed) -> Arguments:
 
 
 def _joined(context: LayerContext, nodes: list[NodeId], time_axis: tuple[Axis, ...]) -> NodeId:
-    """All elements of several values along one unnamed axis; no unit if the units differ."""
+    """The elements of all `nodes`, concatenated along one unnamed axis, before the axis `time_axis`
+    if there is one. The unit is unknown if the units differ.
+    """
     builder = context.builder
     units = [builder.type(node).unit for node in nodes]
     unit = units[0]
@@ -136,10 +148,12 @@ def _check_count(context: LayerContext, wanted: str, fits: bool) -> None:
 
 
 def named_array(context: LayerContext, reference: Located[str], axes: tuple[Axis, ...]) -> NodeId:
-    """The parameter as an array with the axes of the cells and `axes`, in this order.
+    """The node of the parameter that `reference` names, with the axes of the cells of a local model
+    followed by `axes`.
 
     Dims of the spec must be equal. Windows, list elements and internal axes of the layer have no
-    name in the spec, so only their sizes must match.
+    name in the spec, so only their sizes must match. Reports anything else and raises
+    LoweringFailed.
     """
     lowering, name, place = context.lowering, reference.value, reference.span
     declared = lowering.names.declared(name, place)

@@ -1,4 +1,4 @@
-"""Degrees of membership of a value in fuzzy sets with ascending centres."""
+"""Adds nodes for the degrees of membership of a value in fuzzy sets with ascending centres cᵢ."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True)
 class FuzzySets:
-    """A value, the axis of the sets, and their centres, constant or learned.
+    """The value x, the axis of the fuzzy sets, and the node of their centres cᵢ, which are constant
+    or learned.
 
     Values are broadcast by explicit axes, so that a window with as many samples as there are sets
     does not match the axis of the sets.
@@ -30,27 +31,33 @@ class FuzzySets:
     value: NodeId
     axis: Axis
     centers: NodeId
-    """Along `axis`, in the unit of the value."""
+    """The node of the centres, along `axis`, in the unit of the value."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:
         return (self.axis, *self.builder.type(self.value).axes)
 
     def spread(self, node: NodeId | None = None) -> NodeId:
-        """A node with one element per set, or the value itself, broadcast to all axes."""
+        """Broadcasts a node with one element per set (None: the value x) to the axis of the sets
+        and the axes of x.
+        """
         return self.builder.broadcast(self.value if node is None else node, self.axes)
 
     def numbers(self, values: Array | float) -> NodeId:
-        """A dimensionless constant with one element per set, or one for all."""
+        """A dimensionless constant, with one element of `values` per set or one for all, broadcast
+        to all axes.
+        """
         axes = (self.axis,) if np.ndim(values) else ()
         return self.spread(self.builder.constant(values, axes))
 
     def distances(self) -> NodeId:
-        """x − cᵢ."""
+        """The node of x − cᵢ, for each set i."""
         return self.builder.subtract(self.spread(), self.spread(self.centers))
 
     def slopes(self) -> NodeId:
-        """1 / (cᵢ₊₁ − cᵢ), one element fewer than sets."""
+        """The node of 1 / (cᵢ₊₁ − cᵢ), the derivative of a hat function between neighbouring
+        centres; one element fewer than sets.
+        """
         builder, last = self.builder, self.axis.size
         above = builder.slice(self.centers, self.axis.name, 1, last)
         below = builder.slice(self.centers, self.axis.name, 0, last - 1)
@@ -58,11 +65,11 @@ class FuzzySets:
 
 
 def triangular(sets: FuzzySets) -> NodeId:
-    """Hat functions between neighbouring centres, 1 beyond the outermost ones; they sum to 1.
+    """The node of the hat functions μᵢ(x) between neighbouring centres cᵢ; they sum to 1.
 
     For x < cᵢ, μᵢ(x) = max((x − cᵢ₋₁) / (cᵢ − cᵢ₋₁), 0). For x ≥ cᵢ, μᵢ(x) = max((cᵢ₊₁ − x) / (cᵢ₊₁
-    − cᵢ), 0). Beyond the outermost centres the ramp is constant 1. The derivative at a knot is the
-    right-hand one.
+    − cᵢ), 0). Beyond the outermost centres their functions are constantly 1. The derivative at a
+    centre is the right-hand one.
     """
     builder, name, last = sets.builder, sets.axis.name, sets.axis.size
     if last == 1:
@@ -87,7 +94,9 @@ def triangular(sets: FuzzySets) -> NodeId:
 
 
 def _ramp(sets: FuzzySets, origin: NodeId, slope: NodeId, is_flat: Array) -> NodeId:
-    """(x − origin) times the given factor; constant 1 where `is_flat`."""
+    """The node of (x − origin) · factor for each set, with the factor in the node `slope`;
+    constantly 1 for the sets where `is_flat`.
+    """
     builder = sets.builder
     distance = builder.subtract(sets.spread(), sets.spread(origin))
     scaled = builder.multiply(distance, sets.spread(slope))
@@ -95,10 +104,11 @@ def _ramp(sets: FuzzySets, origin: NodeId, slope: NodeId, is_flat: Array) -> Nod
 
 
 def beyond(sets: FuzzySets) -> NodeId:
-    """The terms that extrapolate the hat functions linearly beyond the outermost centres.
+    """The node of the terms that extrapolate the hat functions linearly beyond the outermost
+    centres, to be added to `triangular`.
 
-    Added to `triangular`, the two sets at an end have the weights of linear extrapolation: below c₀
-    the first gains (c₀ − x) / (c₁ − c₀) and the second loses it. They still sum to 1.
+    Below c₀ the first set gains (c₀ − x) / (c₁ − c₀) and the second loses it, and correspondingly
+    above the last centre. The degrees still sum to 1.
     """
     builder, name, last = sets.builder, sets.axis.name, sets.axis.size
     slopes, value = sets.slopes(), sets.value
@@ -124,7 +134,9 @@ def beyond(sets: FuzzySets) -> NodeId:
 
 
 def rectangular(sets: FuzzySets) -> NodeId:
-    """1 between the midpoints to the neighbouring centres, including the lower midpoint."""
+    """The node of the degrees that are 1 between the midpoints to the neighbouring centres,
+    including the lower midpoint, and 0 elsewhere.
+    """
     builder, name, last = sets.builder, sets.axis.name, sets.axis.size
     if last == 1:
         return sets.numbers(1.0)
@@ -136,10 +148,11 @@ def rectangular(sets: FuzzySets) -> NodeId:
 
 
 def between(bounds: FuzzySets) -> NodeId:
-    """1 for the interval that contains the value; n ascending bounds have n + 1 intervals.
+    """The node with one element per interval between n ascending bounds, n+1 in all: 1 for the
+    interval that contains the value, else 0. `bounds.centers` are the bounds.
 
-    An interval includes its lower bound, not its upper one. The values are exact differences of 0,
-    1.
+    An interval includes its lower bound, not its upper one. The values are exact differences of 0
+    and 1.
     """
     builder, name = bounds.builder, bounds.axis.name
     edge = (Axis(name, 1), *builder.type(bounds.value).axes)
@@ -154,7 +167,9 @@ def between(bounds: FuzzySets) -> NodeId:
 
 
 def gaussian(sets: FuzzySets, widths: NodeId) -> NodeId:
-    """μᵢ(x) = exp(−((x − cᵢ) / widthᵢ)² / 2), not normalised."""
+    """The node of μᵢ(x) = exp(−((x − cᵢ) / wᵢ)² / 2), not normalised; `widths` is the node of wᵢ,
+    one per set.
+    """
     builder = sets.builder
     inverse = builder.divide(builder.constant(1.0), widths)
     ratio = builder.multiply(sets.distances(), sets.spread(inverse))
@@ -163,7 +178,9 @@ def gaussian(sets: FuzzySets, widths: NodeId) -> NodeId:
 
 
 def neighbour_widths(centers: Array) -> Array:
-    """Half the mean distance to the neighbouring centres: sets overlap at about 0.6."""
+    """For each of the ascending centres, half the mean distance to its neighbours, a width of
+    `gaussian`: neighbouring sets intersect at about 0.6. A single centre has width 1.
+    """
     if len(centers) == 1:
         return np.ones(1)
     gaps = np.diff(centers)
@@ -174,7 +191,9 @@ def neighbour_widths(centers: Array) -> Array:
 
 
 def ascending(context: LayerContext, expression: Expression, layer: str, what: str) -> Array:
-    """The values of an option, known at compile time; reports values that do not ascend."""
+    """The values of a constant option, a 1-D array. Reports values that do not ascend or are not
+    finite and raises LoweringFailed. `layer` and `what` name the option in the message.
+    """
     values = evaluate(context.lowering, expression).values.ravel()
     if np.any(np.diff(values) <= 0) or not np.all(np.isfinite(values)):
         context.refuse(names.unfit_setting(layer, f"the {what} must ascend", expression.span))
@@ -182,7 +201,9 @@ def ascending(context: LayerContext, expression: Expression, layer: str, what: s
 
 
 def learned_centers(context: LayerContext, axis: Axis, values: Array, unit: Unit | None) -> NodeId:
-    """c₀ = first, cᵢ₊₁ = cᵢ + gapᵢ with learned gaps > 0, so that the centres stay ordered."""
+    """The node of learned centres along `axis`: c₀ = first, cᵢ₊₁ = cᵢ + gapᵢ with learned gaps > 0,
+    so that they stay in order. `values` are the initial centres in `unit`.
+    """
     builder = context.builder
     first = context.learned("first", (), values[0], "the lowest centre", unit=unit)
     if len(values) == 1:

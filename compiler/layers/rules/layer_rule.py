@@ -1,4 +1,6 @@
-"""Defines the rule of a kind of layer, and the context in which a layer expands."""
+"""`LayerRule` describes a kind of layer; `LayerContext` is one call of a layer that is being
+expanded into core operations.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ from spec_schema.units.unit import Unit
 
 
 class CellRule(Protocol):
-    """The rule of a cell in a local model: reads its arguments and expands it."""
+    """The functions of a layer that a local model uses as its cell: `read` lowers its arguments,
+    `expand` builds its value.
+    """
 
     @property
     def read(self) -> Callable[[LayerContext, Any], tuple[NodeId, ...]]: ...
@@ -39,7 +43,7 @@ class CellRule(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class LayerStores:
-    """State that the layers of one spec share between calls."""
+    """State that the layers of one compilation share between their calls."""
 
     arrays: Arrays
     first_calls: dict[str, str] = field(default_factory=dict[str, str])
@@ -53,17 +57,22 @@ class LayerStores:
     argument_units: dict[str, Unit] = field(default_factory=dict[str, Unit])
     """The unit of the argument of each fuzzify layer's first call."""
     read_uncalled: set[str] = field(default_factory=set[str])
-    """Layers whose centres are read; their unit comes from a call, which may be later."""
+    """Layers of which `NAME.centers` is read; the unit of the centres comes from a call, which may
+    be later."""
 
     def found_units(self) -> Mapping[str, Unit]:
-        """Units of the centres that this lowering reads."""
+        """The units of the centres that are read as `NAME.centers`, by layer, as far as this
+        lowering knows them.
+        """
         called = self.argument_units
         return {name: called[name] for name in sorted(self.read_uncalled & called.keys())}
 
 
 @dataclass(frozen=True, kw_only=True)
 class LayerContext:
-    """One call of a layer."""
+    """One call of a layer, with the methods by which the layer declares arrays and reports
+    mistakes.
+    """
 
     name: str
     """Name of the layer in the spec; its arrays are named `name.weight` and so on."""
@@ -82,32 +91,40 @@ class LayerContext:
 
     @property
     def builder(self) -> GraphBuilder:
-        """The builder of the graph that the nodes of the call belong to."""
+        """The builder of the graph to which the nodes of the call belong."""
         return self.lowering.builder(self.environment)
 
     def in_cells(self, cells: tuple[Axis, ...]) -> LayerContext:
-        """The context of a cell of a local model."""
+        """The context in which a local model expands its cell: each array of the layer gets the
+        axes `cells` in front.
+        """
         return replace(self, cells=(*self.cells, *cells))
 
     def refuse(self, diagnostic: Diagnostic) -> NoReturn:
-        """Reports the mistake and raises LoweringFailed."""
+        """Reports the mistake `diagnostic` and raises LoweringFailed."""
         self.lowering.findings.report(diagnostic)
         raise LoweringFailed
 
     def axis(self, dimension: Located[str]) -> Axis:
-        """The axis of a dimension of `dims:`."""
+        """The axis of a dimension that `dims:` declares. Reports an unknown one and raises
+        LoweringFailed.
+        """
         return self.lowering.dimension(dimension.value, dimension.span)
 
     def out(self, dimension: Located[str] | None) -> tuple[Axis, ...]:
-        """The axis that `out:` names; empty for a scalar."""
+        """The axis of `dimension`, the option `out:`, in a tuple; empty (a scalar) without the
+        option. Reports an unknown dimension and raises LoweringFailed.
+        """
         return (self.axis(dimension),) if dimension else ()
 
     def own_axis(self, suffix: str, size: int) -> Axis:
-        """An internal axis of the layer. Its name has a dot, unlike dimensions of `dims:`."""
+        """An internal axis of the layer of this size, named `layer.suffix`. Dimensions of the spec
+        have no such dot.
+        """
         return Axis(f"{self.name}.{suffix}", size)
 
     def elements(self, node: NodeId) -> tuple[Axis, ...]:
-        """The axes of a value other than its window."""
+        """The axes of one sample of a node's value: all except the window."""
         return tuple(axis for axis in self.builder.type(node).axes if axis.name != WINDOW)
 
     def learned(
@@ -121,9 +138,12 @@ class LayerContext:
         low: float | None = None,
         high: float | None = None,
     ) -> NodeId:
-        """A learnable array of the layer, with axes of the cells and `axes`.
+        """The node of the learnable array `layer.suffix` with the axes of the cells followed by
+        `axes`.
 
-        `initial` has that shape or is broadcast to it.
+        `initial` has that shape or is broadcast to it; `low` and `high` are bounds, `doc` describes
+        the array in reports. Reports a second call whose arguments need other axes, and raises
+        LoweringFailed.
         """
         full = self._admitted(axes)
         values = np.broadcast_to(np.asarray(initial, dtype=float), [axis.size for axis in full])
@@ -138,7 +158,9 @@ class LayerContext:
     def measured(
         self, suffix: str, statistic: Statistic, axes: tuple[Axis, ...], unit: Unit | None
     ) -> NodeId:
-        """An array with a statistic of the training data; before training 0 for a mean, else 1."""
+        """The node of the array `layer.suffix`, which training sets to a statistic of its data.
+        Before, it is 0 for a mean, 1 for a standard deviation.
+        """
         name = f"{self.name}.{suffix}"
         values = np.full([axis.size for axis in axes], 0.0 if statistic.kind == "mean" else 1.0)
         doc = f"{statistic.kind} of `{statistic.signal}` in the training data"
@@ -149,7 +171,11 @@ class LayerContext:
     def initial(
         self, suffix: str, initializer: Initializer | None, axes: tuple[Axis, ...], bound: float
     ) -> Array:
-        """The values of `init:`, otherwise uniform draws in ±bound by the name of the array."""
+        """The initial values of the array `layer.suffix`: those of `init:` (`initializer`),
+        otherwise uniform random values in ±bound that depend on the array's name. They have the
+        axes of the cells followed by `axes`. Raises LoweringFailed after reporting a mistake in
+        `init:`.
+        """
         full = self._admitted(axes)
         name = f"{self.name}.{suffix}"
         if initializer is not None:
@@ -158,13 +184,17 @@ class LayerContext:
         return uniform_draws(name, -bound, bound, shape, self.lowering.draw)
 
     def dropout(self, value: NodeId, rate: float) -> NodeId:
-        """The value with dropout: training drops each element with probability `rate`."""
+        """The value, of which training sets each element to 0 with probability `rate`; the value
+        itself if that is 0.
+        """
         return self.builder.dropout(value, rate, self.name) if rate else value
 
     def apply(self, function: Located[str], nodes: Sequence[NodeId]) -> NodeId:
-        """Applies a builtin, or a function of the spec, to operands of equal axes.
+        """The node of a builtin, or a function of the spec, of the operands `nodes`, which have
+        equal axes.
 
-        The result must have the same axes; a function that adds or removes an axis is reported.
+        The result must have these axes. A function that adds or removes an axis is reported and
+        raises LoweringFailed.
         """
         span = function.span
         # names of a spec never start with "_", so these arguments cannot collide
@@ -194,7 +224,9 @@ class LayerContext:
         return self.builder.broadcast(result, axes)
 
     def with_arguments(self, nodes: Sequence[NodeId]) -> LayerContext:
-        """The context of a call with known arguments; stores the shapes of the first call."""
+        """The context of a call whose arguments are the nodes `nodes`. Their shapes are stored at
+        the layer's first call, for a message about a different second call.
+        """
         shapes_of = " and ".join(describe_axes(self.builder.type(node).axes) for node in nodes)
         self.stores.first_calls.setdefault(self.name, shapes_of)
         return replace(self, called_with=shapes_of)
@@ -226,9 +258,10 @@ Reading: TypeAlias = Callable[[LayerContext, S], NodeId]
 
 @dataclass(frozen=True)
 class LayerRule(Generic[S]):
-    """The rule of one kind of layer.
+    """The rule of one kind of layer: how its arguments are read and how it expands into core
+    operations.
 
-    In a local model it expands in a context with the cells' axes.
+    In a local model it expands in a context with the axes of the cells.
     """
 
     settings: type[S]

@@ -1,4 +1,6 @@
-"""Layers with memory: how they read a signal, the state that they store, and its initial fit."""
+"""Layers with memory: reading their arguments, the state that they store, and their initial fit to
+the data.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +31,16 @@ from spec_schema.units.unit import Unit
 
 
 def read_signal(context: LayerContext, settings: Entry) -> Arguments:
-    """Reads one value at t."""
+    """The node of a layer call's only argument at t, in a tuple. Reports a window, another sample
+    or a call outside the step and raises LoweringFailed.
+    """
     return _at_one_sample(context, read_value(_in_the_step(context), settings))
 
 
 def read_vector(context: LayerContext, settings: Entry) -> Arguments:
-    """Reads the elements of one or several values at t, along one axis."""
+    """One node with the elements of one or several arguments at t, along one axis, in a tuple.
+    Reports a window, several axes or a call outside the step and raises LoweringFailed.
+    """
     arguments = _at_one_sample(context, read_elements(_in_the_step(context), settings))
     elements = context.elements(arguments[0])
     if len(elements) != 1:
@@ -46,7 +52,7 @@ def read_vector(context: LayerContext, settings: Entry) -> Arguments:
 
 @dataclass(frozen=True)
 class CallMemory:
-    """The state of one call of a layer."""
+    """The state of one call of a layer, with its name and type."""
 
     context: LayerContext
     name: str
@@ -56,16 +62,21 @@ class CallMemory:
     def of(
         context: LayerContext, arguments: Arguments, axes: tuple[Axis, ...], unit: Unit | None
     ) -> CallMemory:
-        """The state with the axes of the cells and `axes`; one state per signal."""
+        """The state of a call with these argument nodes; calls with the same arguments share one.
+        It has the axes of the cells followed by `axes`.
+        """
         name = context.lowering.memories.name(context.name, arguments)
         return CallMemory(context, name, Type((*context.cells, *axes), unit))
 
     def value(self) -> NodeId:
-        """The value of the state, from the previous step."""
+        """The node that reads the state at t."""
         return self.context.builder.state(self.name, self.type)
 
     def becomes(self, following: NodeId, start: NodeId, doc: str) -> None:
-        """Sets the value after the step, and the initial value (a node of the start graph)."""
+        """Sets the state's value at t+1 to the node `following`, and its value at t0 to `start`, a
+        node of the start graph. Both are broadcast to the axes of the state. `doc` describes the
+        state.
+        """
         context, axes = self.context, self.type.axes
         state = ProgramState(
             name=self.name,
@@ -81,14 +92,18 @@ class CallMemory:
 
 
 def starting(context: LayerContext) -> LayerContext:
-    """The context for the initial value of a state, evaluated from the log at t0."""
+    """The same call in the start of the program, where the initial value of its state is computed
+    at t0.
+    """
     return replace(context, environment=START)
 
 
 def initial_value(
     context: LayerContext, expression: Expression | None, fits: tuple[Axis, ...]
 ) -> NodeId:
-    """The value of `init:` at t0, 0 without it. Reports axes that are not in `fits`."""
+    """The node of `init:` in the start graph; the constant 0 without it. Reports axes that are not
+    in `fits` and raises LoweringFailed.
+    """
     start = starting(context)
     if expression is None:
         return start.builder.constant(0.0)
@@ -102,7 +117,10 @@ def initial_value(
 
 
 def _in_the_step(context: LayerContext) -> LayerContext:
-    """The context of the step; at integrator stages the layer is constant over the step (R6)."""
+    """The context for reading the arguments at t in the step; at integrator stages the layer is
+    constant during the step (R6). Reports a call elsewhere, such as in a loss or over a window, and
+    raises LoweringFailed.
+    """
     environment, call = context.environment, context.call
     layer = f"the layer `{context.name}`"
     if environment.part is not EnvironmentPart.STEP:
@@ -133,7 +151,10 @@ def _at_one_sample(context: LayerContext, nodes: Arguments) -> Arguments:
 
 @dataclass(frozen=True, kw_only=True)
 class Orders:
-    """The kind and orders of the linear system of a layer."""
+    """The linear system that a layer is: its kind, the orders of numerator and denominator, and the
+    maximum magnitude `radius` of its poles. `feedthrough` is True if the argument affects the
+    result in the same step.
+    """
 
     kind: FilterKind
     num: int
@@ -147,11 +168,12 @@ class Orders:
 def declare_fit(
     context: LayerContext, wanted: Prediction, argument: NodeId, orders: Orders
 ) -> None:
-    """Adds the initial fit of the layer; reports a layer that is not a system from inputs to a
-    signal.
+    """Adds the initial fit of a layer, a linear system with these `orders`, from the node
+    `argument` to the recorded signal that `wanted` names. Reports a layer that cannot be fitted and
+    raises LoweringFailed.
 
-    There is no fit for a layer of a sub-model with a connected input, as its input is not recorded.
-    Neither is there one for a layer with given or frozen weights.
+    A layer of a sub-model with a connected input has no fit, as its input is not recorded. Neither
+    has a layer with weights from a file or frozen ones.
     """
     lowering, name = context.lowering, context.name
     if owner_of(name) and _is_connected(context):
@@ -187,7 +209,9 @@ def declare_fit(
 
 
 def _graph_of(context: LayerContext, argument: NodeId) -> Graph:
-    """Copies the layer's argument to a separate graph."""
+    """A separate graph that computes the layer's argument; its last node is the value. Reports an
+    argument that depends on a state and raises LoweringFailed.
+    """
     graph, own = context.builder.graph(), GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     # operands come before their users: later nodes are not needed
@@ -203,7 +227,7 @@ def _graph_of(context: LayerContext, argument: NodeId) -> Graph:
 
 
 def _is_connected(context: LayerContext) -> bool:
-    """True if the arguments depend on an input that a parent model connects."""
+    """True if the arguments of the call depend on a connected input of a sub-model."""
     seen: set[str] = set()
     waiting: list[Any] = list(context.call.arguments)
     while waiting:

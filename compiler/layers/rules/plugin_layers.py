@@ -1,4 +1,5 @@
-"""Gives layers of plug-ins their context, rule and readers of arguments, with checked nodes.
+"""Context, rule and readers of arguments for the layers of plug-ins. They are those of the core's
+layers, but with the checked nodes of `plugin_nodes.py`.
 
 `msnn.extending` has `PluginContext` as `LayerContext` and `PluginRule` as `LayerRule`.
 """
@@ -37,7 +38,9 @@ from spec_schema.units.unit import Unit
 
 
 class PluginContext:
-    """One call of a layer of a plug-in."""
+    """One call of a layer of a plug-in, with the methods by which the layer declares arrays and
+    reports mistakes.
+    """
 
     def __init__(self, context: LayerContext) -> None:
         self.inner = context
@@ -51,37 +54,49 @@ class PluginContext:
 
     @property
     def span(self) -> Span:
-        """Place of the layer's declaration."""
+        """The place of the layer's declaration in the spec."""
         return self.inner.span
 
     @property
     def builder(self) -> PluginBuilder:
-        """The builder of the graph that the nodes of the call belong to."""
+        """The builder of the graph to which the nodes of the call belong."""
         return PluginBuilder(self.inner.builder)
 
     @property
     def sampling(self) -> Sampling:
-        """`sampling.sample_time` is in seconds; None in a static model."""
+        """Converts durations to samples. `sampling.sample_time` is in seconds; None in a static
+        model.
+        """
         return self.inner.lowering.sampling
 
     def refuse(self, diagnostic: Diagnostic) -> NoReturn:
-        """Reports a mistake of the spec, and ends the call."""
+        """Reports a mistake of the spec, and ends the call by raising LoweringFailed. Raises
+        TypeError if `diagnostic` is none.
+        """
         self.inner.refuse(checked(diagnostic, Diagnostic, "a Diagnostic: write `error(...)`"))
 
     def axis(self, dimension: Located[str]) -> Axis:
-        """The axis of a dimension of `dims:`."""
+        """The axis of a dimension that `dims:` declares. Reports an unknown one and ends
+        the call.
+        """
         return self.inner.axis(dimension)
 
     def out(self, dimension: Located[str] | None) -> tuple[Axis, ...]:
-        """The axis that `out:` names; empty for a scalar."""
+        """The axis of `dimension`, the option `out:`, in a tuple; empty (a scalar) without the
+        option. Reports an unknown dimension and ends the call.
+        """
         return self.inner.out(dimension)
 
     def own_axis(self, suffix: str, size: int) -> Axis:
-        """An internal axis of the layer. Its name has a dot, unlike dimensions of `dims:`."""
+        """An internal axis of the layer of this size, named `layer.suffix`. Dimensions of the spec
+        have no such dot.
+        """
         return self.inner.own_axis(suffix, size)
 
     def elements(self, node: PluginNode) -> tuple[Axis, ...]:
-        """The axes of a value other than its window."""
+        """The axes of a value other than its window. Raises TypeError if `node` is no node of the
+        builder.
+        """
         return self.inner.elements(index_in(self.inner.builder, node))
 
     def learned(
@@ -95,11 +110,13 @@ class PluginContext:
         low: float | None = None,
         high: float | None = None,
     ) -> PluginNode:
-        """An array that training learns, with the name `LAYER.suffix`.
+        """The node of an array that training learns, with the name `LAYER.suffix`.
 
         `initial` has the shape of the axes, or is one number. `low` and `high` are its bounds.
-        Raises ValueError for a suffix that is no name or is declared before in this call, and for
-        an initial value that is not finite or not within the bounds.
+        `doc` describes the array. Raises ValueError for a suffix that is no name or is declared
+        before in this call, and for an empty or repeated axis. The same holds for bounds without
+        room, and for an initial value that is not finite or not within them. Raises TypeError for
+        an argument of a wrong class.
         """
         name = checked(suffix, str, "the name of a learned array")
         if not is_name(name):
@@ -131,7 +148,10 @@ class PluginContext:
         return PluginNode(node, self.inner.builder)
 
     def apply(self, function: Located[str], nodes: Sequence[PluginNode]) -> PluginNode:
-        """Applies a function that the spec names to operands of equal axes."""
+        """The node of a function that the spec names, a builtin or one of its own, applied to
+        operands of equal axes. The result must have these axes; otherwise it is reported and the
+        call ends.
+        """
         builder = self.inner.builder
         indices = [index_in(builder, node) for node in nodes]
         return PluginNode(self.inner.apply(function, indices), builder)
@@ -152,7 +172,9 @@ S = TypeVar("S", bound=Entry)
 
 @dataclass(frozen=True)
 class PluginRule(Generic[S]):
-    """Joins the settings of a plug-in's layer to its reader of arguments and its expansion."""
+    """The rule of a plug-in's layer: the class of its settings, the reader of its arguments and its
+    expansion into core operations.
+    """
 
     settings: type[S]
     """The class of its settings, as its line names it."""
@@ -177,33 +199,46 @@ def _nodes(context: PluginContext, indices: Sequence[int]) -> PluginArguments:
 
 
 def read_values(context: PluginContext, count: int) -> PluginArguments:
-    """The nodes of a call's arguments; reports an error unless there are exactly `count`."""
+    """The nodes of a call's arguments. Reports an error unless there are exactly `count`, and ends
+    the call by raising LoweringFailed.
+    """
     return _nodes(context, readers.read_values(context.inner, count))
 
 
 def read_value(context: PluginContext, settings: Entry) -> PluginArguments:
-    """The node of a call's only argument, of any shape; ignores the settings of the layer."""
+    """The node of a call's only argument, of any shape, in a tuple; `settings` have no effect.
+    Raises LoweringFailed after reporting another number of arguments.
+    """
     del settings
     return read_values(context, 1)
 
 
 def read_scalars(context: PluginContext, count: int) -> PluginArguments:
-    """Like `read_values`, for arguments that have no axes except a window."""
+    """The nodes of exactly `count` arguments, which may have a window but no other axes. Otherwise
+    reports the mistake and raises LoweringFailed.
+    """
     return _nodes(context, readers.read_scalars(context.inner, count))
 
 
 def read_elements(context: PluginContext, settings: Entry) -> PluginArguments:
-    """One value with an axis that the layer sums over, or several values, concatenated."""
+    """One node with at least one axis besides the window, in a tuple: the only argument, or the
+    elements of all arguments concatenated. Raises LoweringFailed after reporting a mistake.
+    """
     return _nodes(context, readers.read_elements(context.inner, settings))
 
 
 def read_window(context: PluginContext, settings: readers.Windowed) -> PluginArguments:
-    """The window that a filter runs over: that of `settings.window`, or the argument's."""
+    """The node of the window over which a filter runs, in a tuple: the argument over
+    `settings.window`, or the argument's own window. Raises LoweringFailed after reporting a missing
+    or different one.
+    """
     return _nodes(context, readers.read_window(context.inner, settings))
 
 
 def rule_of_plugin(line: registry.LayerLine) -> AnyRule:
-    """The rule of a plug-in's layer, whose mistakes are reported as the plug-in's."""
+    """The rule of the plug-in's layer that `line` of the registry lists. Its functions are wrapped,
+    so that their mistakes raise SpecError (E0230), which names the plug-in.
+    """
     part = PluginPart("layer", line.key, line.rule.module, (LoweringFailed,))
     found: object = line.rule.value
     if not isinstance(found, PluginRule):

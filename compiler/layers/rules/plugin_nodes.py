@@ -1,4 +1,5 @@
-"""Gives layers and functions of plug-ins nodes that are no numbers, and a builder that checks them.
+"""Node and builder types for the layers and functions of plug-ins. Such a node cannot be used as a
+number, and such a builder checks its arguments.
 
 `msnn.extending` has `PluginBuilder` as `GraphBuilder` and `PluginNode` as `NodeId`.
 """
@@ -46,13 +47,15 @@ def _refused(repair: str) -> Callable[..., NoReturn]:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class PluginNode:
-    """A node of a graph, as a plug-in has it. It is no number and has no operators."""
+    """A node of a graph, as plug-ins receive it. Operators such as `x + y` raise TypeError with the
+    builder's method to call instead.
+    """
 
     index: NodeId
     graph: GraphBuilder
 
     __array_ufunc__ = None
-    """numpy must not take it for a number either."""
+    """Makes operators of numpy arrays and numbers fail as well."""
 
     def __repr__(self) -> str:
         return "a node of the builder"
@@ -73,7 +76,9 @@ K = TypeVar("K")
 
 
 def checked(value: object, kind: type[K], wanted: str) -> K:
-    """The value. Raises TypeError if it is of another class; `wanted` says what it must be."""
+    """Returns `value`. Raises TypeError if it is not of the class `kind`; `wanted` names what it
+    must be, for the message.
+    """
     if not isinstance(value, kind):
         raise TypeError(f"{_shown(value)} is not {wanted}")
     return value
@@ -85,11 +90,11 @@ def _shown(value: object) -> str:
 
 
 class PluginBuilder:
-    """Adds core operations to a graph. Its methods take and return nodes.
+    """Adds core operations to a graph, for a plug-in. Its methods take and return nodes.
 
-    The axes and the unit of a result follow from those of the operands, which are aligned by the
-    names of their axes. Raises TypeError for a number in the place of a node, and ValueError for
-    what a node does not have.
+    The axes and the unit of a result follow from those of the operands, whose axes are matched by
+    their names. Every method raises TypeError for a number instead of a node, and ValueError for an
+    axis or an element that the node does not have.
     """
 
     def __init__(self, builder: GraphBuilder | None = None) -> None:
@@ -97,7 +102,9 @@ class PluginBuilder:
 
     @property
     def conflicts(self) -> Sequence[UnitConflict]:
-        """Operands whose units do not fit, which are reported at the call in the spec."""
+        """The operations on values whose units do not fit; they are reported at the call in the
+        spec.
+        """
         return tuple(self._builder.conflicts)
 
     def type(self, node: PluginNode) -> Type:
@@ -110,8 +117,9 @@ class PluginBuilder:
         axes: Sequence[Axis] = (),
         unit: Unit | None = ONE,
     ) -> PluginNode:
-        """A number, or an array with its elements in C order of the axes; dimensionless by
-        default.
+        """A number, or an array with its elements in C order of the axes; dimensionless by default,
+        of unknown unit with `unit=None`. Raises ValueError if it is not finite or has another size
+        than the axes.
         """
         values = np.asarray(value, dtype=float)
         if not np.all(np.isfinite(values)):
@@ -122,11 +130,11 @@ class PluginBuilder:
         return self._made(self._builder.constant(values, _axes(axes), _unit(unit)))
 
     def add(self, left: PluginNode, right: PluginNode) -> PluginNode:
-        """left + right."""
+        """left + right, element by element."""
         return self._binary(self._builder.add, left, right)
 
     def subtract(self, left: PluginNode, right: PluginNode) -> PluginNode:
-        """left - right."""
+        """left - right, element by element."""
         return self._binary(self._builder.subtract, left, right)
 
     def multiply(self, left: PluginNode, right: PluginNode) -> PluginNode:
@@ -134,34 +142,38 @@ class PluginBuilder:
         return self._binary(self._builder.multiply, left, right)
 
     def divide(self, left: PluginNode, right: PluginNode) -> PluginNode:
-        """left / right."""
+        """left / right, element by element."""
         return self._binary(self._builder.divide, left, right)
 
     def negate(self, value: PluginNode) -> PluginNode:
-        """-value."""
+        """-value, element by element."""
         return self._made(self._builder.negate(self._index(value)))
 
     def power(self, base: PluginNode, exponent: int) -> PluginNode:
-        """base to the power of an integer, by products."""
+        """base to the power of an integer, element by element, as a sequence of products. Raises
+        TypeError for another exponent.
+        """
         index = self._index(base)
         if isinstance(exponent, PluginNode):
             raise TypeError("a node is no exponent: write `builder.apply('pow', base, exponent)`")
         return self._made(self._builder.power(index, _whole(exponent, "the exponent")))
 
     def minimum(self, left: PluginNode, right: PluginNode) -> PluginNode:
-        """The smaller one of two values."""
+        """The smaller one of two values, element by element."""
         return self._binary(self._builder.minimum, left, right)
 
     def maximum(self, left: PluginNode, right: PluginNode) -> PluginNode:
-        """The larger one of two values."""
+        """The larger one of two values, element by element."""
         return self._binary(self._builder.maximum, left, right)
 
     def clamp(self, value: PluginNode, low: PluginNode, high: PluginNode) -> PluginNode:
-        """The value, limited to low … high."""
+        """The value limited to low … high, element by element."""
         return self._made(self._builder.clamp(*map(self._index, (value, low, high))))
 
     def apply(self, function: str, *args: PluginNode) -> PluginNode:
-        """A scalar function of the language, such as `tanh`, element by element."""
+        """A scalar function of the language, such as `tanh`, element by element. Raises ValueError
+        for an unknown function or a wrong number of arguments.
+        """
         row = SCALAR_FUNCTIONS.get(checked(function, str, "the name of a scalar function"))
         if row is None:
             raise ValueError(f"`{function}` is no scalar function")
@@ -170,32 +182,42 @@ class PluginBuilder:
         return self._made(self._builder.apply(function, *map(self._index, args)))
 
     def compare(self, relation: Relation, left: PluginNode, right: PluginNode) -> PluginNode:
-        """True where `left relation right`, such as `Relation.LESS`."""
+        """A condition, true for the elements where `left relation right` holds, such as left <
+        right with `Relation.LESS`; false where one is NaN.
+        """
         found = checked(relation, Relation, "a `msnn.extending.Relation`, such as `Relation.LESS`")
         return self._made(self._builder.compare(found, self._index(left), self._index(right)))
 
     def select(self, condition: PluginNode, then: PluginNode, otherwise: PluginNode) -> PluginNode:
-        """`then` where a comparison is true, else `otherwise`."""
+        """Element by element, `then` where the condition is true, else `otherwise`. Raises
+        TypeError if `condition` is no result of `compare`.
+        """
         if self.type(condition).kind != "bool":
             raise TypeError("the condition is no comparison: write `builder.compare(...)`")
         return self._made(self._builder.select(*map(self._index, (condition, then, otherwise))))
 
     def sum(self, value: PluginNode, axis: str) -> PluginNode:
-        """The sum over one axis, which is removed."""
+        """The sum over the axis of this name, which is removed."""
         return self._made(self._builder.sum(self._index(value), self._axis(value, axis).name))
 
     def contract(self, left: PluginNode, right: PluginNode) -> PluginNode:
-        """left @ right: the sum of products over the axis that both have."""
+        """left @ right: the sum of products over the axis that rule R3 of the language chooses,
+        usually the last of `left`. Raises AxisConflict if no axis or several fit.
+        """
         return self._binary(self._builder.contract, left, right)
 
     def contract_over(self, left: PluginNode, right: PluginNode, axis: str) -> PluginNode:
-        """The sum of products over an axis that both have."""
+        """The sum of products over the axis of this name, which both values have. Other axes are
+        matched by name.
+        """
         name = self._axis(right, self._axis(left, axis).name).name
         found = self._builder.contract_over(self._index(left), self._index(right), name)
         return self._made(found)
 
     def slice(self, value: PluginNode, axis: str, start: int, stop: int) -> PluginNode:
-        """Elements start … stop-1 along an axis."""
+        """Elements start … stop-1, counted from 0, along the axis of this name; the axis remains.
+        Raises ValueError for elements that it does not have.
+        """
         first, end = _whole(start, "the start"), _whole(stop, "the end")
         size = self._axis(value, axis).size
         if not 0 <= first < end <= size:
@@ -203,7 +225,9 @@ class PluginBuilder:
         return self._made(self._builder.slice(self._index(value), axis, first, end))
 
     def element(self, value: PluginNode, axis: str, index: int) -> PluginNode:
-        """One element along an axis, which is removed; the first has the index 0."""
+        """The element `index`, counted from 0, along the axis of this name, which is removed.
+        Raises ValueError for an element that it does not have.
+        """
         first = _whole(index, "the index")
         size = self._axis(value, axis).size
         if not 0 <= first < size:
@@ -211,7 +235,9 @@ class PluginBuilder:
         return self._made(self._builder.element(self._index(value), axis, first))
 
     def concat(self, values: Sequence[PluginNode], axis: str) -> PluginNode:
-        """Values joined along an axis that all have."""
+        """The values one after the other along the axis of this name, which all of them have.
+        Raises ValueError without values.
+        """
         nodes = [self._index(value) for value in values]
         if not nodes:
             raise ValueError("`concat` has no values")
@@ -220,7 +246,9 @@ class PluginBuilder:
         return self._made(self._builder.concat(nodes, axis))
 
     def broadcast(self, value: PluginNode, axes: Sequence[Axis]) -> PluginNode:
-        """The value, repeated along the axes that it lacks."""
+        """The value, repeated along the axes that it lacks; the result has exactly `axes`, in this
+        order.
+        """
         return self._made(self._builder.broadcast(self._index(value), _axes(axes)))
 
     def reshape(self, value: PluginNode, axes: Sequence[Axis]) -> PluginNode:
@@ -228,7 +256,7 @@ class PluginBuilder:
         return self._made(self._builder.reshape(self._index(value), _axes(axes)))
 
     def rename(self, value: PluginNode, old: str, new: str) -> PluginNode:
-        """The value, with another name of one axis."""
+        """The value, with the name `new` for its axis `old`."""
         name = checked(new, str, "the name of an axis")
         return self._made(
             self._builder.rename(self._index(value), self._axis(value, old).name, name)
@@ -280,7 +308,10 @@ def guarded_expansion(
     place: Span,
     *arguments: Any,
 ) -> NodeId:
-    """The node that a plug-in's function returns. Raises SpecError (E0230) for its mistakes."""
+    """The id of the node that the function `expand` of the plug-in's `part` returns for these
+    arguments. Raises SpecError (E0230) at `place` if it fails, returns no value of the builder or
+    adds an illegal node.
+    """
     known = builder.size
 
     def fault(node: object, *arguments: object) -> str | None:
@@ -298,7 +329,9 @@ def guarded_expansion(
 
 
 def index_in(builder: GraphBuilder, node: object) -> NodeId:
-    """The index of a node. Raises TypeError for a number or a node of another graph."""
+    """The id of a plug-in's node in the graph of the builder. Raises TypeError for a number, or for
+    a node of another graph.
+    """
     fault = fault_of_node(node, builder)
     if fault is not None:
         raise TypeError(f"got {fault}")
@@ -306,7 +339,9 @@ def index_in(builder: GraphBuilder, node: object) -> NodeId:
 
 
 def fault_of_node(node: object, builder: GraphBuilder) -> str | None:
-    """The reason why a value is no node of the builder; None if it is one."""
+    """A text that says why an object is no node of the builder, such as "`2.0`, which is a number,
+    …"; None if it is one.
+    """
     if isinstance(node, PluginNode):
         is_ours = node.graph is builder
         return None if is_ours else "a node of another graph: do not keep nodes between calls"
@@ -318,7 +353,9 @@ def fault_of_node(node: object, builder: GraphBuilder) -> str | None:
 
 
 def _fault_of_nodes(builder: GraphBuilder, known: int) -> str | None:
-    """The first rule that a node after the first `known` ones breaks; the verifier has them all."""
+    """The first rule that a node with an id from `known` on breaks, as the end of a sentence; None
+    if there is none. The verifier checks all rules later.
+    """
     for index in range(known, builder.size):
         node = builder.node(index)
         # other leaves read what the spec declares, which the verifier compares

@@ -1,1 +1,1 @@
-"""Finds what passes and backends may rely on; changes nothing."""
+"""Analyses of programs for passes and backends; they change nothing."""

@@ -1,4 +1,6 @@
-"""Finds fuzzy sets with compact support, and sums over them whose inactive terms are 0."""
+"""Finds fuzzy sets with compact support, and sums over them in which the terms of inactive sets are
+0, so that code can omit these terms.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class CompactSets:
-    """Degrees of membership of a scalar along an axis; all except one or two neighbours are +0.
+    """Degrees of membership of the scalar node `value` along one axis; all except one or two
+    neighbouring ones are +0.
 
     `triangular`: hat functions around `points`. `rectangular`: one more set than `points`, which
     are the bounds between the sets.
@@ -27,7 +30,8 @@ class CompactSets:
 
 
 def compact_sets(graph: Graph) -> dict[NodeId, CompactSets]:
-    """The values that are degrees of membership in compact sets, as `fuzzy_sets` builds them.
+    """The nodes that are degrees of membership in compact sets, as `layers/rules/fuzzy_sets.py`
+    builds them.
 
     Candidates are recognised by building the formula again and comparing the nodes, so that the
     formula exists only once.
@@ -53,7 +57,8 @@ _FORMULAS: dict[str, Callable[[FuzzySets], NodeId]] = {
 
 
 def supports(graph: Graph, sets: dict[NodeId, CompactSets]) -> list[dict[str, NodeId]]:
-    """For each node: the axes along which it is ±0 wherever compact sets are 0, with those sets.
+    """For each node, the axes along which its elements are ±0 wherever compact sets are 0, with the
+    node of those sets. `sets` is the result of `compact_sets`.
 
     This assumes finite values, as ∞ · 0 is not 0.
     """
@@ -66,8 +71,8 @@ def supports(graph: Graph, sets: dict[NodeId, CompactSets]) -> list[dict[str, No
 
 
 def active_sums(graph: Graph, support: list[dict[str, NodeId]]) -> dict[NodeId, NodeId]:
-    """Sums along the axis of compact sets whose terms are ±0 where the sets are 0, with the
-    sets.
+    """For each sum along the axis of compact sets whose terms are ±0 where the sets are 0, the node
+    of those sets. `support` is the result of `supports`.
     """
     found: dict[NodeId, set[NodeId]] = {}
     for index, node in graph:
@@ -80,7 +85,7 @@ def active_sums(graph: Graph, support: list[dict[str, NodeId]]) -> dict[NodeId, 
 
 
 def is_positive_zero(graph: Graph, node: NodeId) -> bool:
-    """True if the value is the constant +0, possibly repeated."""
+    """True if the node is the constant +0, possibly repeated by a `Broadcast`."""
     op = graph[graph.unrepeated(node)].op
     # compares bits, since −0 == +0 and adding −0 changes no sign
     return isinstance(op, ops.Constant) and {value.hex() for value in op.values} == {(0.0).hex()}
@@ -109,7 +114,9 @@ def _compared(
     relation: ops.Relation,
     shape: Literal["triangular", "rectangular"],
 ) -> CompactSets | None:
-    """Sets of the scalar that the condition compares with points along an axis; None for others."""
+    """The candidate for sets of this shape, if the node `condition` compares a scalar with points
+    along one axis by `relation`; None otherwise.
+    """
     node = graph[condition]
     if node.op != ops.Compare(relation):
         return None
@@ -148,7 +155,10 @@ def _support(graph: Graph, node: Node, known: list[dict[str, NodeId]]) -> dict[s
 
 
 def _both(first: dict[str, NodeId], second: dict[str, NodeId]) -> dict[str, NodeId]:
-    """The sets of a product, without axes along which two different sets meet."""
+    """For a product of two values, the axes along which it is 0 where sets are 0, with the node of
+    the sets. `first` and `second` say the same of its factors. Axes along which the factors have
+    different sets are omitted.
+    """
     either = second | first
     return {
         axis: sets

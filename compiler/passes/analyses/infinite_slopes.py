@@ -13,12 +13,12 @@ from spec_schema.errors import calculus as errors
 from spec_schema.late_dataclass import dataclass
 
 _Guard = tuple[NodeId, bool]
-"""A condition, and the value that it must have."""
+"""A bool node, and the value that it must have."""
 
 
 def infinite_slopes(program: Program) -> list[Diagnostic]:
-    """Warns (W0743) of operations whose derivative is infinite within the declared ranges of a
-    program.
+    """Warnings (W0743) of operations whose derivative is infinite somewhere within the declared
+    ranges of a program.
 
     The program is in window form. There is no warning if the argument is not bounded by declared
     ranges, or if its own derivative is 0 there, so that the product is 0. An integrator evaluates a
@@ -50,7 +50,9 @@ def infinite_slopes(program: Program) -> list[Diagnostic]:
 
 @dataclass(frozen=True, slots=True)
 class _Singular:
-    """An operation, the singular values of its argument, and the interval of the argument."""
+    """An operation, the values of its argument at which its derivative is infinite, and the
+    interval that the argument can reach.
+    """
 
     node: Node
     at: tuple[float, ...]
@@ -60,7 +62,9 @@ class _Singular:
 def _arguments(
     graph: Graph, node: Node, ranges: ValueRanges
 ) -> Iterator[tuple[NodeId, tuple[float, ...]]]:
-    """The arguments with a possibly infinite derivative, with their singular values."""
+    """The operands with respect to which the node's derivative may be infinite, each with the
+    values at which it is. `ranges` has the intervals of all nodes.
+    """
     match node.op:
         case ops.Divide():
             yield node.args[1], (0.0,)
@@ -81,8 +85,8 @@ def _arguments(
 
 
 def _is_flat(graph: Graph, node: NodeId) -> bool:
-    """True if the value has derivative 0 wherever it is 0: squares, magnitudes, relu, their
-    sums.
+    """True if the derivative of the value is 0 wherever the value is 0, as for squares, magnitudes,
+    relu and sums of them.
     """
     made = graph[node]
     match made.op:
@@ -114,7 +118,9 @@ def _reached(
     ranges: ValueRanges,
     guards: Iterable[_Guard],
 ) -> Interval | None:
-    """The argument's interval, if it has a singular value and follows from declared ranges."""
+    """The interval of the node `argument` under the conditions `guards`, if it follows from
+    declared ranges and contains one of the singular values `at`; else None.
+    """
     found = ranges.of(argument)
     # not bounded by declared ranges: a warning would be a guess
     if not found.of or not any(map(found.has, at)):
@@ -128,7 +134,9 @@ def _reached(
 
 
 def _guards(program: Program) -> dict[NodeId, frozenset[_Guard]]:
-    """For each node the conditions that hold whenever its value is used."""
+    """For each node, the conditions that hold whenever its value is used: those of the `where`
+    branches around all its uses.
+    """
     graph = program.step
     results = [one.node for one in program.outputs] + [one.next for one in program.states]
     for loss in program.losses:

@@ -1,4 +1,5 @@
-"""Interval arithmetic for all elements of a value, with the declared ranges that it follows from.
+"""Interval arithmetic for the values of nodes: each interval bounds all elements of a value, and
+names the declared ranges from which it follows.
 
 An unknown value has infinite ends and follows from no range.
 """
@@ -20,7 +21,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """low ≤ x ≤ high for every element."""
+    """An interval low ≤ x ≤ high that contains every element x of a value."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -30,11 +31,13 @@ class Interval:
     """True if no element is 0 although 0 may be between the ends."""
 
     def has(self, value: float) -> bool:
-        """True if an element can have this value."""
+        """True if an element in the interval can have this value."""
         return self.low <= value <= self.high and not (value == 0 and self.nonzero)
 
     def within(self, other: Interval) -> Interval:
-        """The intersection with another interval."""
+        """The intersection of this interval with `other`; this interval unchanged if it
+        is empty.
+        """
         low, high = max(self.low, other.low), min(self.high, other.high)
         if low > high:  # an empty intersection: the declared ranges contradict each other
             return self
@@ -45,7 +48,7 @@ ANYTHING = Interval()
 
 
 def union(parts: Sequence[Interval]) -> Interval:
-    """The interval of elements of any of the parts."""
+    """The smallest interval that contains all of `parts`."""
     ends = [end for one in parts for end in (one.low, one.high)]
     return replace(_between(ends, *parts), nonzero=not any(one.has(0.0) for one in parts))
 
@@ -100,12 +103,12 @@ def clamped(x: Interval, low: Interval, high: Interval) -> Interval:
 
 
 def repeated(x: Interval, count: int) -> Interval:
-    """The sum of `count` values in the interval."""
+    """The interval of the sum of `count` values, each in the interval x."""
     return _between([_times(count, x.low), _times(count, x.high)], x)
 
 
 def of_function(function: str, x: Sequence[Interval]) -> Interval:
-    """The interval of a scalar function."""
+    """The interval of the value of a scalar function, for arguments in the intervals `x`."""
     if function == "abs":
         return magnitude(x[0])
     if function == "pow":
@@ -124,7 +127,9 @@ def of_function(function: str, x: Sequence[Interval]) -> Interval:
 
 
 def _wave(function: str, x: Interval) -> Interval:
-    """The interval of sine and cosine: values at the ends, and extrema between them."""
+    """The interval of `function`, "sin" or "cos", for angles in `x`: values at the ends, and
+    extrema between them.
+    """
     # an infinite interval contains all phases
     if not math.isfinite(x.high - x.low):
         return Interval(-1.0, 1.0)
@@ -176,12 +181,16 @@ def _power(base: Interval, exponent: Interval) -> Interval:
 
 # 0 · ∞ is NaN in IEEE arithmetic; here an infinite end means arbitrarily large
 def _times(a: float, b: float) -> float:
-    """a · b, with 0 · ∞ = 0."""
+    """The product of two ends of intervals, with 0 · ∞ = 0, since an infinite end means arbitrarily
+    large.
+    """
     return 0.0 if a == 0.0 or b == 0.0 else a * b
 
 
 def _between(ends: Sequence[float], *made_of: Interval) -> Interval:
-    """The interval from the minimum to the maximum end; an unbounded one follows from no range."""
+    """The interval from the minimum to the maximum of `ends`, computed from the intervals
+    `made_of`. An unbounded one follows from no declared range.
+    """
     # ∞ − ∞: the end is unknown
     if any(math.isnan(end) for end in ends):
         return ANYTHING
@@ -200,7 +209,9 @@ _OPEN = 1e-9
 
 
 class ValueRanges:
-    """The intervals of the nodes of a program's step in window form; each is computed once."""
+    """The intervals of the nodes of a program's step, in window form, from its declared ranges.
+    Each is computed once.
+    """
 
     def __init__(self, program: Program) -> None:
         self._graph = program.step
@@ -211,8 +222,8 @@ class ValueRanges:
         self._known: dict[NodeId, Interval] = {}
 
     def of(self, node: NodeId, given: Mapping[NodeId, Interval] | None = None) -> Interval:
-        """The interval of a node; `given` are additional bounds, such as those in a branch of
-        `where`.
+        """The interval of a node; `given` are additional bounds of nodes, such as those that hold
+        in a branch of `where`.
         """
         known = self._known if not given else {}
         return self._found(node, given or {}, known)
@@ -297,7 +308,10 @@ class ValueRanges:
 def holding(
     graph: Graph, condition: NodeId, ranges: ValueRanges, *, holds: bool
 ) -> dict[NodeId, Interval]:
-    """The intervals of a comparison's operands if it is true, or if it is false."""
+    """Bounds of the operands of a comparison, and of nodes inside them, that follow if it is true
+    (`holds`) or false. `ranges` has the intervals of all nodes. Empty if the node `condition` is no
+    comparison.
+    """
     # a condition is broadcast if its branches have more axes
     node = graph[graph.unrepeated(condition)]
     if not isinstance(node.op, ops.Compare):
@@ -326,7 +340,9 @@ _OTHERWISE = {
 
 
 def _add(graph: Graph, found: dict[NodeId, Interval], node: NodeId, known: Interval) -> None:
-    """Adds bounds of a node, and the bounds of its operands that follow."""
+    """Adds the bounds `known` of a node to `found`, and the bounds of its operands that follow from
+    them.
+    """
     found[node] = known.within(found.get(node, ANYTHING))
     made = graph[node]
     if isinstance(made.op, ops.Broadcast):
@@ -347,7 +363,9 @@ def _of_range(name: str, range: tuple[float, float]) -> Interval:
 
 
 def _source(name: str, origin: object) -> str:
-    """The name whose samples a state stores."""
+    """The name whose samples the state `name` stores: the source of a buffer, by its `origin`,
+    otherwise the state itself.
+    """
     match origin:
         case History(source) | Tape(source):
             return source
@@ -356,7 +374,9 @@ def _source(name: str, origin: object) -> str:
 
 
 def _of_parameter(parameter: Parameter) -> Interval:
-    """The bounds of a learned parameter, otherwise its initial value."""
+    """The interval of a parameter: the bounds of a learned one if it has any, otherwise its initial
+    values.
+    """
     if not parameter.learn or (parameter.minimum is None and parameter.maximum is None):
         # training may change it, but before training the initial value is the best guess
         return _of_numbers(parameter.initial)

@@ -1,4 +1,4 @@
-"""Describes learned arrays of which slices were removed."""
+"""Describes parameters from which slices along an axis were removed (pruning)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ Kept = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """One axis of a parameter from which slices were removed, and the indices that remain."""
+    """One axis of a parameter from which slices were removed, and the indices of those
+    that remain.
+    """
 
     parameter: str
     position: int
@@ -27,7 +29,7 @@ class Cut:
 
 
 def cut_weights(cuts: Collection[Cut], weights: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """A copy of the weights in which each cut parameter has only its kept slices."""
+    """A copy of the weights in which each array keeps only the slices that its cuts list."""
     found = dict(weights)
     for cut in cuts:
         if cut.parameter in found:

@@ -1,4 +1,6 @@
-"""Limits a state's next value to its range, and finds the value before that limit."""
+"""Limits the next value of a state to its range (`on_range: saturate`), and finds the value before
+that limit.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,10 @@ from compiler.ir.program import Graph, NodeId, Program, State
 def saturated(
     builder: GraphBuilder, following: NodeId, before: NodeId, limits: tuple[float, float]
 ) -> NodeId:
-    """clip(following, low, high), or `before` if `following` is NaN.
+    """The node of clip(following, low, high) with `limits` low, high; where `following` is NaN,
+    `before`, the current value of the state.
 
-    The derivative is 1 on the bounds, 0 beyond them.
+    The derivative is 1 on the limits, 0 beyond them.
     """
     unit = builder.type(before).unit
     low, high = (builder.constant(limit, unit=unit) for limit in limits)
@@ -22,7 +25,7 @@ def saturated(
 
 
 def unsaturated(program: Program) -> dict[str, NodeId]:
-    """The next value of each saturated state before the limit.
+    """For each state with `on_range: saturate`, the node of its next value before the limit.
 
     States whose next value is a constant, and so never NaN, are omitted.
     """

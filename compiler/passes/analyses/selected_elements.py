@@ -1,4 +1,4 @@
-"""Rebuilds a graph with only those elements of its values that are needed."""
+"""Rebuilds a graph so that it computes only the elements of its values that are needed."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ ZerosOfAxes = dict[str, BoolArray]
 
 
 def zero_slices(graph: Graph, arrays: Mapping[str, NDArray[np.float64]]) -> list[ZerosOfAxes]:
-    """For every node, masks by axis of the slices whose elements are all 0 because parameters are
-    0.
+    """For each node a mask per axis: True for the slices whose elements are all 0 because of zeros
+    in parameters.
 
-    `arrays` are values of learned parameters by name; other parameters count as nonzero.
+    `arrays` are the values of learned parameters by name; other parameters count as nonzero.
     """
     found: list[ZerosOfAxes] = []
     for _, node in graph:
@@ -71,7 +71,9 @@ def _either(left: ZerosOfAxes, right: ZerosOfAxes) -> ZerosOfAxes:
 
 
 def contracted_zeros(graph: Graph, node: NodeId, found: list[ZerosOfAxes]) -> BoolArray | None:
-    """A mask of the zero terms of a sum or contraction; None if there are none."""
+    """A mask of the terms of a sum or contraction that are 0; None if none is known to be. `found`
+    is the result of `zero_slices`.
+    """
     op = graph[node].op
     assert isinstance(op, ops.Reduction)
     # a term with a zero factor adds nothing
@@ -80,7 +82,9 @@ def contracted_zeros(graph: Graph, node: NodeId, found: list[ZerosOfAxes]) -> Bo
 
 
 def renamed(graph: Graph, node: Node) -> dict[str, str] | None:
-    """The new name of each axis if a reshape only renames them; otherwise None."""
+    """For a reshape that only renames axes, the new name of each axis by its old one; None for a
+    reshape that changes their lengths.
+    """
     before, after = graph[node.args[0]].type.axes, node.type.axes
     if [axis.size for axis in before] != [axis.size for axis in after]:
         # other lengths mix elements of slices
@@ -89,12 +93,14 @@ def renamed(graph: Graph, node: Node) -> dict[str, str] | None:
 
 
 def size_along(node: Node, axis: str) -> int:
-    """Number of elements along one of the node's axes."""
+    """Number of elements along the axis of this name. Raises ValueError if the node has none."""
     return node.type.axes[node.type.position(axis)].size
 
 
 def kept_axes(node: Node, chosen: Mapping[str, Kept]) -> tuple[Axis, ...]:
-    """The axes of a node after selecting the chosen elements."""
+    """The axes of a node after a selection of elements; `chosen` has the selected indices by axis,
+    and other axes stay whole.
+    """
     return tuple(
         Axis(axis.name, len(chosen[axis.name])) if axis.name in chosen else axis
         for axis in node.type.axes
@@ -102,7 +108,7 @@ def kept_axes(node: Node, chosen: Mapping[str, Kept]) -> tuple[Axis, ...]:
 
 
 def moved(kept: Kept, distance: int) -> Kept:
-    """The same elements, with indices shifted by `distance`."""
+    """The indices `kept` plus `distance`."""
     return tuple(index + distance for index in kept)
 
 
@@ -113,7 +119,9 @@ def read_parameter(
     chosen: Mapping[str, Kept],
     cuts: Mapping[tuple[str, int], Kept],
 ) -> NodeId:
-    """The chosen elements of a parameter; `cuts` are already removed from the weights."""
+    """The node of the `chosen` elements (indices by axis) of the parameter that `node` reads.
+    `cuts` are the indices, by parameter and axis position, to which its array has been cut already.
+    """
     named = [axis.name for axis in node.type.axes]
     cut = {axis: cuts[name, at] for at, axis in enumerate(named) if (name, at) in cuts}
     # elements removed from the file of weights are not removed again
@@ -127,7 +135,9 @@ def read_samples(
     op: ops.ReadSignal | ops.ReadLog,
     chosen: Mapping[str, Kept],
 ) -> NodeId:
-    """Samples of a signal, read over the shortest window that contains the chosen ones."""
+    """The node of the `chosen` elements (indices by axis) of a signal's window; it reads the
+    shortest window that contains the chosen samples.
+    """
     # the window has no gaps between its oldest and newest sample, since ports are windows
     oldest, newest = chosen[WINDOW][0], chosen[WINDOW][-1]
     near = {WINDOW: tuple(range(oldest, newest + 1))}
@@ -138,8 +148,8 @@ def read_samples(
 
 
 def gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) -> NodeId:
-    """The elements of a value at the `chosen` indices along each axis, as a concatenation of
-    slices.
+    """The node of the elements of a value at the `chosen` indices along each axis: a concatenation
+    of slices.
     """
     for axis, kept in chosen.items():
         parts = [builder.slice(value, axis, *run) for run in _runs(kept)]
@@ -149,8 +159,8 @@ def gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) -
 
 # zeros are inserted for sums without nonzero terms
 def spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: Kept) -> NodeId:
-    """Puts elements into a longer axis: those of index `kept` at their positions among `wanted`,
-    else zeros.
+    """Extends an axis of the node `value`, whose elements have the indices `kept`, to the indices
+    `wanted`: new elements are 0.
     """
     if wanted == kept:
         return value
@@ -175,7 +185,9 @@ def spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: 
 
 
 def _runs(kept: Kept) -> list[tuple[int, int]]:
-    """Splits indices into runs start … stop−1 of consecutive ones."""
+    """Splits the ascending indices `kept` into runs of consecutive ones, as pairs (start, stop)
+    with stop exclusive.
+    """
     runs: list[tuple[int, int]] = []
     for index in kept:
         if runs and runs[-1][1] == index:
@@ -195,7 +207,8 @@ WHOLE: Selection = frozenset()
 
 
 class SelectedElements:
-    """Rebuilds a graph without elements that its roots do not need or that are known to be 0.
+    """Rebuilds a graph without elements that its `roots` do not need or that are 0 because of zeros
+    in parameters (`zeros`).
 
     The constructor goes from the roots backwards and collects the needed indices of each node. It
     adds those of parameters to `asked`.
@@ -220,7 +233,9 @@ class SelectedElements:
         self._copies: dict[NodeId, NodeId] = {}
 
     def rebuilt(self, cuts: Mapping[tuple[str, int], Kept]) -> tuple[Graph, dict[NodeId, NodeId]]:
-        """The graph with cut parameters, and the new ids of values that are needed as a whole."""
+        """The new graph, and the new ids of nodes that are needed as a whole. `cuts` are the
+        indices, by parameter and axis position, to which arrays of parameters are cut.
+        """
         builder = GraphBuilder()
         made: dict[tuple[NodeId, Selection], NodeId] = {}
         for index, node in self._graph:
@@ -238,7 +253,9 @@ class SelectedElements:
         return builder.graph(), self._copies
 
     def expected(self, entries: Iterable[Expected]) -> tuple[Expected, ...]:
-        """The expected ranges of values that are needed as a whole."""
+        """Those of the expected ranges `entries` whose value is needed as a whole, with new node
+        ids. Call `rebuilt` before.
+        """
         return tuple(
             replace(entry, node=self._copies[entry.node])
             for entry in entries
@@ -258,7 +275,8 @@ class SelectedElements:
             self._needed[arg][operand] = None
 
     def _operands(self, index: NodeId, selection: Selection) -> list[Selection]:
-        """The needed selection of each operand of a node, if `selection` of the node is needed.
+        """The needed elements of each operand of the node `index`, if the elements `selection` of
+        the node are needed.
 
         The list is empty for a reduction whose terms are all known to be 0.
         """
@@ -290,12 +308,12 @@ class SelectedElements:
                 return [WHOLE for _ in node.args]
 
     def _terms(self, index: NodeId) -> Kept | None:
-        """The nonzero terms of a sum; None if there are no zeros."""
+        """The indices of the nonzero terms of the sum `index`; None if none is known to be 0."""
         zero = contracted_zeros(self._graph, index, self._zeros)
         return None if zero is None else tuple(np.flatnonzero(~zero).tolist())
 
     def _rows(self, index: NodeId, selection: Selection) -> Selection:
-        """The needed nonzero elements of a sum along each axis that has zeros."""
+        """The elements of `selection` of the sum `index`, without those that are known to be 0."""
         chosen = dict(selection)
         for axis, zero in self._zeros[index].items():
             before = chosen.get(axis, tuple(range(len(zero))))
@@ -358,7 +376,9 @@ class SelectedElements:
     def _reduced(
         self, builder: GraphBuilder, index: NodeId, selection: Selection, args: Sequence[NodeId]
     ) -> NodeId:
-        """A sum of the nonzero terms, with zeros for elements without any."""
+        """The elements `selection` of the reduction `index`, computed from its nonzero terms, with
+        zeros for elements that have none. `args` are the selected operands.
+        """
         node, chosen = self._graph[index], dict(selection)
         axes = kept_axes(node, chosen)
         zero = builder.constant(0.0, unit=node.type.unit)
