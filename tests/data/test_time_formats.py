@@ -19,8 +19,11 @@ from scipy.io import savemat
 import msnn
 from msnn.data.reading.local_times import utc_times
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.source import Span
+from spec_schema.errors.schema import unknown_zone
 from spec_schema.expressions.moments import Moment, read_moment
 from spec_schema.expressions.time_format import FormatFault, TimeFormat, time_format
+from spec_schema.expressions.time_zones import near_zones
 from tests.data.specs import load
 
 
@@ -289,3 +292,12 @@ def test_the_advice_about_a_date_reads_it(tmp_path: Path, times: list[str]) -> N
     key = str(fault.help).split("`")[3]
     step = loaded(tmp_path, key + "\n", times)[1]
     assert step in (0.2, 60, 1, 86400)
+
+
+def test_a_machine_without_zones_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoneinfo.available_timezones", set[str])
+    assert near_zones("Europe/Berln") is None
+    fault = unknown_zone(
+        "Europe/Berln", None, Span(file="a.yaml", line=1, column=1, end_line=1, end_column=2)
+    )
+    assert "`pip install tzdata`" in str(fault.help)
