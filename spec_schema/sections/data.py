@@ -18,7 +18,7 @@ from spec_schema.expressions.time_zones import is_zone, near_zones
 from spec_schema.expressions.tree import Duration
 from spec_schema.fields.entry import BySignal, Entry, Named, RefusedError, findings_of
 from spec_schema.fields.formulas import ConditionField
-from spec_schema.fields.leaf import Gathering, Located, one_or_many
+from spec_schema.fields.leaf import Choice, Gathering, Located, one_or_many
 from spec_schema.fields.plain import (
     Character,
     LocatedText,
@@ -421,6 +421,30 @@ _GAP = {
 GapField: TypeAlias = Annotated[float | Duration, reads(_read_gap, _GAP)]
 
 
+THOUSANDS: Mapping[str, str] = {
+    ".": ".",
+    ",": ",",
+    "'": "'\u2019",
+    "\u2019": "'\u2019",
+    **dict.fromkeys(" \u00a0\u2009\u202f", " \u00a0\u2009\u202f"),
+}
+"""Signs of thousands; each with the signs that it means: apostrophes, and blanks of any width."""
+
+
+def _read_thousands(node: Node, findings: Findings) -> Choice[str]:
+    found = scalar(node, findings, "a sign of thousands")
+    if found.text not in THOUSANDS:
+        wanted, repair = "a sign of thousands", 'write `"."`, `","`, `"\'"` or `" "`'
+        findings.report(errors.wrong_kind(wanted, f"`{found.text}`", found.span, repair))
+        raise RefusedError
+    return Choice(found.text, found.span, found.key)
+
+
+ThousandsField: TypeAlias = Annotated[
+    Choice[str], reads(_read_thousands, {"type": "string", "enum": list(THOUSANDS)})
+]
+
+
 class Csv(Entry):
     """The layout of a text file: `skip` lines, then a header if there is one, then rows.
 
@@ -433,12 +457,31 @@ class Csv(Entry):
     """Character between cells; a comma, or a tab in .tsv files."""
     decimal: Character = "."
     """Decimal point or comma."""
+    thousands: ThousandsField | None = None
+    """Sign between groups of three digits: point, comma, apostrophe or blank."""
     comment: Character | None = None
     """Lines that start with it are passed over."""
     header: Switch = True
     """Whether the first line names the columns."""
     skip: NonNegativeCount = 0
     """Lines before the header."""
+
+    @model_validator(mode="after")
+    def _has_one_meaning_of_thousands(self, info: ValidationInfo) -> "Csv":
+        if (found := self.thousands) is not None:
+            if self.decimal in THOUSANDS[found.value]:
+                other = {".": ",", ",": "."}.get(found.value, ".")
+                is_default = "decimal" not in self.model_fields_set
+                role = "the default decimal sign" if is_default else "the decimal sign"
+                repair = f'write the decimal sign of the file, such as `decimal: "{other}"`'
+                report = errors.ambiguous_thousands(found.value, role, found.span, repair)
+                findings_of(info).report(report)
+            elif self.delimiter is not None and self.delimiter in THOUSANDS[found.value]:
+                role = "separates cells"
+                repair = "name the true one of the two, or remove `thousands:`"
+                report = errors.ambiguous_thousands(found.value, role, found.span, repair)
+                findings_of(info).report(report)
+        return self
 
 
 def _read_format(node: Node, findings: Findings) -> Located[str]:

@@ -1,10 +1,9 @@
 """E0910-E0924, E0959, E0994, E1047-E1049, E1119, W0902: weights, and their covariance."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from shlex import quote
 
-from compiler.ir.program import Parameter, UsedPlugin
+from compiler.ir.program import Parameter
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import nearest
@@ -36,23 +35,6 @@ def unknown_weights(file: str, names: Sequence[str], known: Sequence[str]) -> Di
     message = f"{file} has {listed}, which the model does not have"
     notes = (f"its parameters: {', '.join(known) or 'none'}",)
     return error("E0959", None, message, notes=notes, help=repair)
-
-
-_OF_ARRAYS = ("E0911", "E0912", "E0959")
-"""The codes of arrays that are missing, unknown, or of another shape."""
-
-
-def of_other_plugins(fault: Diagnostic, changed: Sequence[tuple[str, UsedPlugin]]) -> Diagnostic:
-    """The fault of a weights file, with the plug-ins that had another version in its run."""
-    if fault.code not in _OF_ARRAYS or not changed:
-        return fault
-    notes = [
-        f"it was trained with {p.package} {then}, and {p.version} is installed"
-        for then, p in changed
-    ]
-    then, first = changed[0]
-    repair = f"install {first.package} {then}, or train again with {first.version}"
-    return replace(fault, notes=(*fault.notes, *notes), help=repair)
 
 
 def weights_of_another_model(
