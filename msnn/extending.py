@@ -49,7 +49,13 @@ from spec_schema.fields.plain import (
     Text,
     choice,
 )
-from spec_schema.fields.quantities import QuantityField, RangeField, UnitField
+from spec_schema.fields.quantities import (
+    LengthField,
+    PositiveLength,
+    QuantityField,
+    RangeField,
+    UnitField,
+)
 from spec_schema.registry import (
     Feature,
     FormatLine,
@@ -86,6 +92,7 @@ __all__ = [
     "LayerContext",
     "LayerLine",
     "LayerRule",
+    "LengthField",
     "Linked",
     "Located",
     "ManyOf",
@@ -97,6 +104,7 @@ __all__ = [
     "NonNegativeNumber",
     "OneOf",
     "PositiveCount",
+    "PositiveLength",
     "PositiveNumber",
     "Program",
     "QuantityField",

@@ -24,7 +24,8 @@ from spec_schema.errors.plugins import (
     left_out,
     what_was_raised,
 )
-from spec_schema.fields.entry import Entry, LateEntry, LateObject
+from spec_schema.fields.entry import Entry, LateEntry, LateObject, kinds_within
+from spec_schema.fields.field_faults import fault_of_fields
 from spec_schema.late_dataclass import dataclass
 from spec_schema.names import is_name
 from spec_schema.registry import Feature, FeatureLines, KeyLine
@@ -73,6 +74,10 @@ class Plugins:
         default_factory=dict[tuple[str, str], tuple[Diagnostic, ...]]
     )
     """Warnings about names that are left out, by kind and name."""
+    taken: Mapping[tuple[str, str], tuple[str, ...]] = field(
+        default_factory=dict[tuple[str, str], tuple[str, ...]]
+    )
+    """Packages that bring a name which another package has, by kind and name."""
 
 
 class _Search:
@@ -219,6 +224,7 @@ def _looked_up() -> Plugins:
     warnings: list[Diagnostic] = []
     failed: dict[str, str] = {}
     refused: dict[tuple[str, str], tuple[Diagnostic, ...]] = {}
+    taken: dict[tuple[str, str], tuple[str, ...]] = {}
     for point in points:
         package = _package(point)
         try:
@@ -255,16 +261,18 @@ def _looked_up() -> Plugins:
                 fault = _broken(package, f"the {kind} `{key}`", faults[id(line)])
                 own.append((kind, key, fault))
                 continue
-            names, ours, taken = _NAMES[kind]
+            names, ours, is_ours = _NAMES[kind]
             reason = _why_not(kind, key, package, keys, found)
             if reason is None and key in ours.value:
-                reason = taken
+                reason = is_ours
             if reason is None:
                 names[key] = line
                 keys.add((kind, key))
             else:
                 own.append((kind, key, _without(package, kind, key, reason)))
         for kind, key, warning in own:
+            if any((kind, key) in plugin.keys for plugin in found):
+                taken[kind, key] = (*taken.get((kind, key), ()), package)
             warnings.append(warning)
             refused[kind, key] = (*refused.get((kind, key), ()), warning)
         if faults and not keys:
@@ -274,7 +282,7 @@ def _looked_up() -> Plugins:
         found.append(
             Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
         )
-    return Plugins(tuple(found), tuple(warnings), failed, refused)
+    return Plugins(tuple(found), tuple(warnings), failed, refused, taken)
 
 
 def _why_not(
@@ -427,3 +435,7 @@ def _import_entry(entry: LateEntry) -> None:
         raise TypeError(f"`{entry.module}:{entry.name}` is no class with the base Entry")
     # a field whose type is no field type fails here, not at the first spec that has it
     found.model_rebuild(force=True)
+    for kind in kinds_within(found):
+        fault = fault_of_fields(kind)
+        if fault is not None:
+            raise TypeError(fault)

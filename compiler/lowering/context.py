@@ -138,13 +138,18 @@ class Sampling:
         """The number of samples of a length, which is given in samples or as a duration.
 
         Raises LoweringFailed after reporting a duration that is no multiple of the sample time, a
-        static model, or a length above LONGEST_WINDOW.
+        static model, or a length above LONGEST_WINDOW. Raises TypeError for no length.
         """
         match length:
             case Samples(count=count):
                 found = count
             case Duration():
                 found = self.from_seconds(length.seconds, length.quantity.text, length.span)
+            case _:  # of a plug-in
+                raise TypeError(
+                    f"a {type(length).__name__} is no length: declare the field of the settings as "
+                    "`msnn.extending.PositiveLength` or `LengthField`"
+                )
         if abs(found) > LONGEST_WINDOW:
             shown = f"{'at least ' if found == _BEYOND else ''}{found:,}"
             self._findings.report(time_errors.window_too_long(shown, LONGEST_WINDOW, length.span))

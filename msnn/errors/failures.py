@@ -34,13 +34,15 @@ class MissingExtraError(Exception):
 
 
 class MissingPluginError(MissingExtraError):
-    """A file was made of a spec that uses a plug-in which is not installed."""
+    """A file was made of a spec that uses a plug-in which is not installed, or not used here."""
 
-    def __init__(self, package: str, version: str, file: str, reason: str = "") -> None:
+    def __init__(
+        self, package: str, version: str, file: str, reason: str = "", repair: str = ""
+    ) -> None:
         what = f"the plug-in {package} {version}".strip() + f", which {file} needs,"
-        fits = f"install a version of {package} that fits this msnn"
+        fits = repair or f"install a version of {package} that fits this msnn"
         super().__init__(what, fits if reason else f"pip install {package}", reason)
-        self._made_of = (package, version, file, reason)
+        self._made_of = (package, version, file, reason, repair)
 
 
 class UnfitCompilerError(MissingExtraError):

@@ -6,10 +6,19 @@ from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
 
 from msnn.errors.failures import MissingExtraError
-from msnn.exports.target import AnyPlan, AnyTarget, ExportPlan, Loaded, Request, Target
+from msnn.exports.target import (
+    AnyPlan,
+    AnyTarget,
+    ExportPlan,
+    Loaded,
+    Request,
+    Target,
+    Weights,
+)
 from spec_schema.plugins import PluginPart, is_a, no_fault
 from spec_schema.registry import TargetLine
 
@@ -38,23 +47,45 @@ def plugin_target(line: TargetLine) -> AnyTarget:
     own_prepare = guarded(target.prepare, _fault_of_plan)
 
     def prepare(request: Request, entry: Any) -> AnyPlan | None:
+        if request.weights is not None:
+            request = replace(request, weights=read_only(request.weights))
         plan = own_prepare(request, entry)
         # the plan names the record without guards
         return None if plan is None else replace(plan, target=record)
+
+    own_write = guarded(target.write, _fault_of_files)
+    own_judge, own_compare = guarded(target.judge), guarded(target.compare)
+
+    def write(plan: AnyPlan, weights: Weights, folder: Path) -> tuple[Path, ...]:
+        return own_write(plan, read_only(weights), folder)
+
+    def judge(plan: AnyPlan, weights: Weights, *arguments: Any) -> Any:
+        return own_judge(plan, read_only(weights), *arguments)
+
+    def compare(plan: AnyPlan, weights: Weights, written: Any) -> Any:
+        return own_compare(plan, read_only(weights), written)
 
     record = replace(
         target,
         promise=guarded(target.promise),
         prepare=prepare,
-        write=guarded(target.write, _fault_of_files),
+        write=write,
         load=None if target.load is None else loaded,
-        judge=guarded(target.judge),
+        judge=judge,
         faults=guarded(target.faults, is_a(tuple)),
         without_section=guarded(target.without_section),
-        compare=guarded(target.compare),
+        compare=None if target.compare is None else compare,
         tell=guarded(target.tell, is_a(str)),
     )
     return record
+
+
+def read_only(weights: Weights) -> Weights:
+    """Copies that a plug-in cannot change, so that later targets get the same weights."""
+    copies = {name: array.copy() for name, array in weights.items()}
+    for array in copies.values():
+        array.setflags(write=False)
+    return MappingProxyType(copies)
 
 
 def _fault_of_plan(plan: object, request: Request, entry: object) -> str | None:

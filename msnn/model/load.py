@@ -17,7 +17,7 @@ from msnn.data.dataset import FloatArray
 from msnn.errors.learning.runs import nothing_kept
 from msnn.model.model import PROGRAM_SUFFIX, Model
 from msnn.model.model_files import hash_of, number_parts, number_texts, parts_of, with_files
-from msnn.model.saved_run import LATEST, KeptSpec, kept_spec, run_of
+from msnn.model.saved_run import DESCRIPTION, LATEST, KeptSpec, kept_spec, run_of
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.errors import submodels as errors
@@ -83,8 +83,14 @@ def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
     kept = kept_spec(run)
     # those given here come last, so that they win
     settings = (*kept.settings, *settings)
-    read = read_spec(kept.path, kept.text, settings, texts=kept.texts)
-    model = _compiled(read, kept.path, settings, strict_units, kept)
+    texts = (kept.text, *kept.texts.values(), *settings)
+    try:
+        read = read_spec(kept.path, kept.text, settings, texts=kept.texts)
+        model = _compiled(read, kept.path, settings, strict_units, kept)
+    except SpecError:
+        _refuse_other_packages(kept, run, None, texts)
+        raise
+    _refuse_other_packages(kept, run, model, texts)
     # with the run's own settings: those given here may change training, never what was kept
     if hash_of(model.text, model.parts, model_settings(kept.settings)) != kept.sha256:
         raise SpecError((nothing_kept(str(run)),))
@@ -96,6 +102,17 @@ def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
         recorded=kept.formats,
         warnings=(*kept.warnings, *model.warnings),
     )
+
+
+def _refuse_other_packages(
+    kept: KeptSpec, run: Path, model: Model | None, texts: Sequence[str]
+) -> None:
+    if not kept.plugins:
+        return
+    from msnn.model.program_file import refuse_other_packages
+
+    now = None if model is None else model.program.plugins
+    refuse_other_packages(kept.plugins, str(run / DESCRIPTION), now=now, texts=texts)
 
 
 def _compiled(

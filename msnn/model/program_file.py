@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 from backends.files.atomic_write import write_text
 from compiler.elaboration.compile import compile_spec
+from compiler.ir.program import UsedPlugin
 from compiler.linking.link import link
 from compiler.program_file.file import (
     data_from_json,
@@ -25,7 +27,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors.files import unreadable_file
 from spec_schema.errors.plugins import other_version
 from spec_schema.errors.settings import compiled_already
-from spec_schema.plugins import look_up
+from spec_schema.plugins import look_up, plugins_with
 from spec_schema.reading.reader import read_spec, refuse_endless
 from spec_schema.reading.settings import model_settings, settings_source
 
@@ -93,7 +95,16 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
         raise SpecError([foreign_spec(shown)])
     own = embedded.settings
     settings = (*own, *settings)
-    read = read_spec(embedded.path, embedded.text, settings, texts=embedded.texts)
+    recorded = {each.package: each.version for each in program.plugins}
+    everything = (embedded.text, *embedded.texts.values(), *settings)
+    # layers and functions are those of the file
+    kinds = ("section", "target")
+    refuse_other_packages(recorded, shown, texts=everything, kinds=kinds)
+    try:
+        read = read_spec(embedded.path, embedded.text, settings, texts=embedded.texts)
+    except SpecError:
+        refuse_other_packages(recorded, shown, texts=everything)
+        raise
     numbers = number_texts(read, embedded.texts)
     parts, text = (*parts_of(read, embedded.weights), *number_parts(numbers)), read.source.text
     if (
@@ -185,6 +196,49 @@ def require_plugins(versions: Mapping[str, str], file: str) -> tuple[Diagnostic,
         for package, version in sorted(versions.items())
         if version != installed[package]
     )
+
+
+def refuse_other_packages(
+    versions: Mapping[str, str],
+    file: str,
+    *,
+    now: Iterable[UsedPlugin] | None = None,
+    texts: Iterable[str] = (),
+    kinds: Collection[str] = ("section", "target", "layer", "function"),
+) -> None:
+    """Refuses a model of which another package has a name than when a file was made.
+
+    `versions` are the plug-ins that the file names. `now` are those that the compiled model uses,
+    None if it is not compiled. If there are `texts` of the spec, only names in them count. Raises
+    MissingPluginError for the first such name.
+    """
+    if not versions:
+        return
+    plugins, used, texts = look_up(), None if now is None else tuple(now), tuple(texts)
+    for (kind, key), packages in sorted(plugins.taken.items()):
+        then = next((package for package in packages if package in versions), None)
+        owner = next(iter(plugins_with([(kind, key)])))
+        is_used = used is None or any(each.package == owner.package for each in used)
+        if kind not in kinds or then is None or owner.package in versions or not is_used:
+            continue
+        if texts and not any(re.search(rf"\b{re.escape(key)}\b", text) for text in texts):
+            continue
+        reason = f"the package {owner.package} {owner.version} has the {kind} `{key}` now"
+        raise _other_package(then, versions[then], file, reason, owner.package)
+    if used is None:
+        return
+    gone = sorted(versions.keys() - {each.package for each in used})
+    new = [each for each in used if each.package not in versions]
+    if gone and new:
+        reason = f"the package {new[0].package} {new[0].version} takes its place now"
+        raise _other_package(gone[0], versions[gone[0]], file, reason, new[0].package)
+
+
+def _other_package(
+    package: str, version: str, file: str, reason: str, other: str
+) -> MissingPluginError:
+    repair = f"remove {other}, or make the file again with it"
+    return MissingPluginError(package, version, file, reason, repair)
 
 
 def plugins_text(versions: Mapping[str, str]) -> str:

@@ -48,6 +48,8 @@ class KeptSpec:
     """The folder of the spec when the run began, if it does not exist here."""
     formats: Mapping[str, UsedPlugin | None]
     """The plug-in that read the data files of each suffix; None for formats of msnn."""
+    plugins: Mapping[str, str]
+    """The packages of the model's plug-ins, with their versions."""
     warnings: tuple[Diagnostic, ...]
     """Warnings about plug-ins that are installed in another version."""
 
@@ -138,6 +140,7 @@ def kept_spec(run: Path) -> KeptSpec:
         sha256=sha256,
         trained_in=trained_in,
         formats=recorded_formats(record),
+        plugins=recorded_plugins(record),
         warnings=warnings,
     )
 

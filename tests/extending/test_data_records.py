@@ -279,6 +279,18 @@ def test_a_file_that_cannot_be_opened_may_have_any_format(
 # two packages
 
 
+def test_a_run_names_the_package_that_reads_its_suffix_now(
+    trained: Path, install: Install, capsys: pytest.CaptureFixture[str]
+):
+    other = READER.format(body=NEW, isolated=False).replace('"logger"', '"alog"')
+    install("alog", {"alog.py": other}, "alog:FEATURE", "3.0")
+    capsys.readouterr()
+    assert run(["validate", str(trained)]) == 5
+    said = capsys.readouterr().err
+    assert "does not work: the package alog 3.0 reads `.lgr` files now" in said
+    assert "help: remove alog, or train again with it" in said
+
+
 @pytest.mark.parametrize("verb", ["check", "data", "train"])
 def test_commands_name_two_packages_of_one_suffix(
     verb: str, install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]

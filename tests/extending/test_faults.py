@@ -209,6 +209,8 @@ FAULTS = (
             "c.learned('w', (Axis('i', 0),), 1, 'x')": "raised ValueError: `w` has an empty axis",
             "c.learned('w', (Axis('i', 2), Axis('i', 2)), 1, 'x')": "`w` has an axis twice",
             "c.refuse('too small')": "is not a Diagnostic: write `error(...)`",
+            "c.refuse(warning('A1', None, 'x'))": "a warning refuses nothing: write `error(...)`",
+            "c.refuse(remark('A1', None, 'x'))": "a note refuses nothing: write `error(...)`",
         }.items()
     ),
     Fault(
@@ -233,6 +235,21 @@ FAULTS = (
         "target `sheet`",
         "def write(p, w, f):\n    g = f / '..' / 'b.txt'\n    g.touch()\n    return (g,)",
         "wrote b.txt outside of its folder",
+        "export",
+    ),
+    Fault(
+        "target `sheet`",
+        "def write(p, w, f): w['k'] *= 2",
+        "raised ValueError: output array is read-only (faulty, line 50, in write)",
+        "export",
+    ),
+    Fault("target `sheet`", "def write(p, w, f): w['k'] = 2", "raised TypeError", "export"),
+    Fault("target `sheet`", "def write(p, w, f): w.clear()", "raised AttributeError", "export"),
+    Fault(
+        "target `sheet`",
+        "def prepare(r, e):\n    if r.weights: r.weights['k'][...] = 3\n"
+        "    return float_plan(SHEET, r, e)",
+        "raised ValueError: assignment destination is read-only",
         "export",
     ),
     Fault("target `sheet`", "def load(p, w): raise KeyError('x')", "raised KeyError", "--check"),

@@ -343,3 +343,35 @@ def test_without_the_plugin_its_files_are_read_as_text(
     plugins.forget()
     with pytest.raises(SpecError, match="E0932"):
         series(tmp_path, "log.jsonl")
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (
+            "return DataColumns({'t': t, 'u': u, 'z': z}, {'U': 'mV'})",
+            "E0230|logger files|returned a unit for `U`, which is none of its columns",
+        ),
+        (
+            "return DataColumns({'t': t, 'u': u, 'z': np.arange(20).astype('datetime64[s]')})",
+            "E0840|`z` of a.lgr cannot feed|returns dates (datetime64), not numbers",
+        ),
+        (
+            "return DataColumns({'t': t, 'u': np.arange(20).astype('timedelta64[s]'), 'z': z})",
+            "E0840|`u` of a.lgr cannot feed|returns durations (timedelta64), not numbers",
+        ),
+    ],
+)
+def test_units_and_dates_of_the_wrong_columns_are_named(
+    body: str,
+    message: str,
+    isolated: bool,
+    install: Install,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+):
+    logger(install, tmp_path, body, isolated=isolated)
+    assert run(["data", str(spec_file(tmp_path, SPEC.replace("LOG", "a.lgr")))]) == 1
+    said = capsys.readouterr().err
+    assert all(part in said for part in (*message.split("|"), "of the package logger 0.1.0"))

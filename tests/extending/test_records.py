@@ -269,6 +269,90 @@ def test_a_plugin_that_fails_is_not_called_missing(
         load(trained)
 
 
+OTHER = GAIN.replace('"gain", "expand"', '"aother", "expand"')
+"""Another package with the function `gain`, before `gain` in the alphabet."""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["validate", RUN],
+        ["simulate", RUN, "--out", "simulated.csv"],
+        ["export", RUN, "--to", "c", "--out", "out"],
+        ["train", RUN],
+        ["report", RUN, "--out", "page.html"],
+        ["check", RUN],
+        ["validate", "m.msnn.yaml", "--weights", WEIGHTS],
+        ["simulate", "m.msnn.yaml", "--out", "simulated.csv"],
+        ["export", "m.msnn.yaml", "--to", "c", "--out", "out"],
+    ],
+    ids=" ".join,
+)
+def test_a_name_that_another_package_has_now_is_refused(
+    words: list[str], gained: Path, install: Install, capsys: pytest.CaptureFixture[str]
+):
+    install("gain", {"gain.py": GAIN.format(factor=1.0)}, "gain:FEATURE", "1.0")
+    install("aother", {"aother.py": OTHER.format(factor=3.0)}, "aother:FEATURE", "3.0")
+    meant = {RUN: str(gained), WEIGHTS: str(gained / "weights.safetensors")}
+    capsys.readouterr()
+    assert run([meant.get(word, word) for word in words]) == 5
+    said = capsys.readouterr().err
+    assert "error[E1037]: the plug-in gain 1.0, which " in said
+    assert "needs, does not work: the package aother 3.0 has the function `gain` now" in said
+    assert "help: remove aother, or make the file again with it" in said
+    assert not Path("simulated.csv").exists()
+    assert not Path("out").exists()
+
+
+def test_a_name_that_moved_to_another_package_is_refused(
+    gained: Path, install: Install, capsys: pytest.CaptureFixture[str]
+):
+    moved = GAIN.format(factor=1.0).replace('"gain", Sig', '"other_gain", Sig')
+    install("gain", {"gain.py": moved}, "gain:FEATURE", "1.0")
+    install("aother", {"aother.py": OTHER.format(factor=3.0)}, "aother:FEATURE", "3.0")
+    with pytest.raises(MissingExtraError, match=r"aother 3\.0 takes its place now"):
+        load(gained)
+
+
+def test_the_other_package_of_a_name_is_refused_for_its_settings_too(
+    trained: Path, install: Install
+):
+    other = """
+from msnn.extending import Entry, Feature, LateEntry, LateObject, Section, SectionLine
+
+class Keys(Entry):
+    pass
+
+SECTION = Section(compile=print, text=print)
+FEATURE = Feature(name="aother", sections=(
+    SectionLine("budget", LateEntry("aother", "Keys"), LateObject("aother", "SECTION"), ""),
+))
+"""
+    write_program_file(load("m.msnn.yaml"), Path())
+    install("aother", {"aother.py": other}, "aother:FEATURE", "3.0")
+    for file in (trained, Path(PROGRAM)):
+        with pytest.raises(MissingExtraError, match=r"aother 3\.0 has the section `budget` now"):
+            load(file)
+
+
+def test_another_package_that_has_no_name_of_the_run_is_accepted(
+    gained: Path, install: Install, capsys: pytest.CaptureFixture[str]
+):
+    both = GAIN.replace(
+        "    FunctionLine",
+        """    FunctionLine("further", Signature(1, 1, doc=""),
+        LateObject("gain", "expand")),
+    FunctionLine""",
+        1,
+    ).format(factor=1.0)
+    install("gain", {"gain.py": both}, "gain:FEATURE", "1.0")
+    other = OTHER.replace('"gain", Sig', '"further", Sig').format(factor=3.0)
+    install("aother", {"aother.py": other}, "aother:FEATURE", "3.0")
+    capsys.readouterr()
+    assert run(["validate", str(gained)]) == 0
+    assert "aother" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("damaged", ["3", "[]", '["msnn-example"]', '{"x": null}', "null"])
 def test_a_damaged_record_is_read(damaged: str, trained: Path, capsys: pytest.CaptureFixture[str]):
     file = trained / "run.json"

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import importlib.metadata
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from backends.files.export_identity import read_manifest
+from msnn.agreement.agreement import Agreement, FarStep
 from msnn.api.models import load
 from msnn.cli.application import run
+from msnn.exports import check
 from msnn.exports.export import target_names
 from msnn.exports.table import NAMES
+from msnn.exports.target import AnyPlan
 from msnn.features.changes.interface_changes import export_changes
 from msnn.reports.compare_specs import compare_specs
 from spec_schema import plugins
@@ -141,3 +146,63 @@ def test_the_help_leaves_out_what_is_taken(install: Install, capsys: pytest.Capt
     said = capsys.readouterr()
     assert "plug-ins" not in said.out
     assert "the target `onnx` of the package stranger is left out" in said.err
+
+
+WRITES = """
+from msnn.extending import *
+
+class Sheet(FloatTargetEntry):
+    pass
+
+def prepare(request, entry):
+    return float_plan(SHEET, request, entry)
+
+def write(plan, weights, folder):
+    try:
+        weights["k"][...] = 7
+    except ValueError:
+        pass
+    try:
+        weights["k"].setflags(write=True)
+    except ValueError:
+        pass
+    (folder / "a.txt").write_text("a")
+    return (folder / "a.txt",)
+
+SHEET = Target(name="sheet", entry=Sheet, dtype="float64", options=None,
+               prepare=prepare, write=write)
+FEATURE = Feature(name="writes", targets=(
+    TargetLine("sheet", LateEntry("writes", "Sheet"), LateObject("writes", "SHEET"), "", "", ""),
+))
+"""
+
+
+def test_later_targets_get_the_same_weights(install: Install, tmp_path: Path):
+    install("writes", {"writes.py": WRITES}, "writes:FEATURE")
+    file = str(spec_file(tmp_path, PLAIN))
+    for name, to in (("alone", "casadi"), ("after", "sheet,casadi")):
+        out = str(tmp_path / name)
+        assert run(["export", file, "--initial", "--to", to, "--out", out]) == 0
+    alone, after = (
+        (tmp_path / name / "casadi" / "plain.json").read_text() for name in ("alone", "after")
+    )
+    assert alone == after
+
+
+@pytest.mark.usefixtures("example")
+def test_an_export_that_differs_outweighs_one_that_is_not_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    of_target = check.check_export
+
+    def differs(plan: AnyPlan, *arguments: Any) -> Agreement:
+        found = of_target(plan, *arguments)
+        return replace(found, faults=(FarStep("y", 0.5, 1e-9),))
+
+    monkeypatch.setattr(check, "check_export", differs)
+    words = ["export", str(spec_file(tmp_path, SHEET)), "--initial", "--check"]
+    assert run([*words, "--out", str(tmp_path / "out"), "--to", "casadi,datasheet"]) == 3
+    said = capsys.readouterr()
+    assert re.search("casadi +float64 .* DIFFERS", said.out)
+    assert "E1133" in said.err
+    assert "E1057" in said.err

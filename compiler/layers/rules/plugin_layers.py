@@ -71,9 +71,12 @@ class PluginContext:
 
     def refuse(self, diagnostic: Diagnostic) -> NoReturn:
         """Reports a mistake of the spec, and ends the call by raising LoweringFailed. Raises
-        TypeError if `diagnostic` is none.
+        TypeError if `diagnostic` is none, or no error.
         """
-        self.inner.refuse(checked(diagnostic, Diagnostic, "a Diagnostic: write `error(...)`"))
+        found = checked(diagnostic, Diagnostic, "a Diagnostic: write `error(...)`")
+        if found.severity != "error":
+            raise TypeError(f"a {found.severity} refuses nothing: write `error(...)`")
+        self.inner.refuse(found)
 
     def axis(self, dimension: Located[str]) -> Axis:
         """The axis of a dimension that `dims:` declares. Reports an unknown one and ends

@@ -157,12 +157,14 @@ def export(
     if failures:
         # the first alone, as a command has one end; the others come up when it is run again
         raise failures[0]
-    # not compared outweighs compared and unlike only in the code: the table has told both by now
-    if found is not None and found.missing:
-        report([error.diagnostic for error in found.missing], ())
-        raise typer.Exit(ExitCode.MISSING_EXTRA)
-    if found is not None and not found.agrees:
+    if found is None:
+        return
+    report([error.diagnostic for error in found.missing], ())
+    # a wrong export outweighs one that was not compared: the table has told both by now
+    if not found.agrees:
         raise typer.Exit(ExitCode.LIMIT_BROKEN)
+    if found.missing:
+        raise typer.Exit(ExitCode.MISSING_EXTRA)
 
 
 def _refuse_unknown(names: Sequence[str], known: Sequence[str], option: str) -> None:

@@ -14,6 +14,7 @@ from msnn.data.formats.arrays.array_columns import NamedArrays, has_dates
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file
+from msnn.errors.data.rows import unusable_array
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.errors.plugins import faulty_plugin, what_was_raised
 from spec_schema.fields.entry import LateObject
@@ -71,6 +72,8 @@ class PluginReader:
                 fault = self.fault(shown, what_was_raised(error, self.module))
             raise SpecError((fault,)) from error
         arrays = self._arrays(found, shown)
+        if not self.is_of_all:
+            self._refuse_dates(arrays, wanted, shown)
         table = NamedArrays(
             shown,
             tuple(arrays.values),
@@ -78,6 +81,18 @@ class PluginReader:
             unit_texts=lambda name: ((arrays.units[name],),) if name in arrays.units else (),
         )
         return table.table(_all_of(arrays) if self.is_of_all else wanted)
+
+    def _refuse_dates(self, arrays: DataColumns, wanted: WantedColumns, shown: str) -> None:
+        """Raises SpecError for dates and durations that feed anything but the time."""
+        faults: list[Diagnostic] = []
+        for key, user in wanted.users.items():
+            kind = np.asarray(arrays.values.get(str(key), 0)).dtype.kind
+            if kind in "mM" and key not in wanted.moments:
+                held = "dates (datetime64)" if kind == "M" else "durations (timedelta64)"
+                reason = f"the reader of the package {self.package} returns {held}, not numbers"
+                faults.append(unusable_array(str(key), shown, user, reason))
+        if faults:
+            raise SpecError(faults)
 
     def fault(self, shown: str, reason: str) -> Diagnostic:
         """The diagnostic E0230 for a mistake of the plug-in."""
@@ -95,6 +110,9 @@ class PluginReader:
         for mapping, kind in ((found.values, object), (found.units, str)):
             if not _is_by_name(mapping, kind):
                 raise fault("returned columns or units that are no mapping by names of columns")
+        if unknown := [name for name in found.units if name not in found.values]:
+            named = ", ".join(f"`{name}`" for name in unknown)
+            raise fault(f"returned a unit for {named}, which is none of its columns")
         try:
             values = {name: _array(column) for name, column in found.values.items()}
         except (TypeError, ValueError) as error:

@@ -212,10 +212,14 @@ def require_formats(
         if then is not None and (installed is None or installed.package != then.package):
             plugins = look_up()
             version = next((p.version for p in plugins.found if p.package == then.package), None)
-            reason = plugins.failed.get(then.package, "")
-            if version is not None:
+            reason, repair = plugins.failed.get(then.package, ""), ""
+            if version is not None and installed is not None:
+                now_by = f"{installed.package} {installed.version}"
+                reason = f"the package {now_by} reads `{suffix}` files now"
+                repair = f"remove {installed.package}, or train again with it"
+            elif version is not None:
                 reason = f"the installed version {version} does not read `{suffix}` files"
-            raise MissingPluginError(then.package, then.version, by_suffix[suffix], reason)
+            raise MissingPluginError(then.package, then.version, by_suffix[suffix], reason, repair)
         assert installed is not None
         version = None if then is None else then.version
         what = f"the `{suffix}` files of the run were read"
