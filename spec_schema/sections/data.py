@@ -591,7 +591,7 @@ class Layout(Entry):
         ]
         | None
     ) = None
-    """Which of successive rows with the same time is used, or their mean; else an error."""
+    """The row that is used of successive rows with one time, or their mean; else an error."""
 
 
 class Source(Layout):

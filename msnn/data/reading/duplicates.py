@@ -68,7 +68,7 @@ def without_duplicates(
 
 
 def _groups(time: FloatArray, how: Duplicates) -> tuple[IntArray, IntArray]:
-    """The first row of each group of rows with the same time, and the row that stands for it."""
+    """The first row of each group of rows with the same time, and the row that is kept of it."""
     begins = np.flatnonzero(np.append(np.ones(min(len(time), 1), np.bool_), np.diff(time) != 0))
     last = np.append(begins[1:], len(time))[: len(begins)] - 1
     return begins, last if how == "last" else begins

@@ -38,8 +38,8 @@ def utc_times(seconds: FloatArray, begins: Moment, zone: str) -> UtcTimes:
 
     `seconds` since the date `begins`, (rows,), are those that the clock showed. Offsets are those
     of `zoneinfo`, by PEP 495: fold 0 is the earlier of two times that look equal. Of successive
-    rows with such times, those before the only step back are the earlier ones and the others the
-    later ones; without a step back, or with several, they are doubtful.
+    rows with such times, those before the only step back are the earlier ones, the others the later
+    ones. Without a step back, or with several, they are doubtful.
     """
     local = begins.nanoseconds + np.round(seconds * _NANO).astype(np.int64)
     early, late = _offsets(local // _NANO, _zone(zone))
