@@ -12,7 +12,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.reading.load import load_data
 from msnn.features.data_check.check import check_data
 from msnn.features.data_check.found import DataCheck
-from msnn.features.data_check.report import check_record
+from msnn.features.data_check.report import check_record, check_tables
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.explain import known_codes
@@ -255,6 +255,16 @@ def test_a_set_point_without_its_controller_needs_a_name(tmp_path: Path):
     for name, told in (("w", False), ("y_set", True), ("set_size", False), ("offset", False)):
         one = {"time": table["time"], name: table["w"], "y": table["y"]}
         assert ("W0847" in said(looked_at(tmp_path, one, spec.replace("NAME", name)))) == told
+
+
+def test_a_range_without_width_is_not_printed(tmp_path: Path):
+    table = columns()
+    table["y"] = 300 + first_order(table["u"], 15, 1)
+    found = looked_at(tmp_path, table)
+    assert "not known" in check_tables(found)
+    slowest = check_record(found)["system"]["targets"][0]["slowest"]
+    assert slowest["value"] == pytest.approx(1.5, rel=1e-3)
+    assert (slowest["low"], slowest["high"]) == (None, None)
 
 
 def test_lost_rows_are_counted(tmp_path: Path):
