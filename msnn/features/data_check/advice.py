@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
 
@@ -30,6 +30,8 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 _COARSE = 0.01
 """Rounding error relative to the standard deviation that visibly reduces `fit`."""
+_SWITCHED = 2
+"""A target with so few values is a state such as on and off, not a rounded measurement."""
 _LITTLE = 0.1
 """Fraction of a declared range; data that cover less contain little about the range."""
 
@@ -79,10 +81,13 @@ def sampling_findings(
             )
 
 
-def signal_findings(checked: DatasetCheck, ended: str | None) -> Iterator[Diagnostic]:
+def signal_findings(
+    checked: DatasetCheck, ended: str | None, targets: Container[str]
+) -> Iterator[Diagnostic]:
     """Reports faults in the values of every column.
 
     `ended` is the key of the spec that ends episodes at missing inputs, or leaves records out.
+    `targets` are the names of the signals that are predicted.
     """
     for one in checked.channels:
         # a column without any value is told once, not by each check
@@ -92,11 +97,13 @@ def signal_findings(checked: DatasetCheck, ended: str | None) -> Iterator[Diagno
                     signal=one.channel.name, value=None, unit="", where=_files(checked.rows)
                 )
             continue
-        yield from _values(one, checked.rows, ended)
+        yield from _values(one, checked.rows, ended, one.channel.signal.name in targets)
         yield from _constant(one, checked.rows)
 
 
-def _values(one: CheckedChannel, rows: RowsOfData, ended: str | None) -> Iterator[Diagnostic]:
+def _values(
+    one: CheckedChannel, rows: RowsOfData, ended: str | None, is_target: bool
+) -> Iterator[Diagnostic]:
     channel, found = one.channel, one.found
     name, unit, signal = channel.name, channel.unit, channel.signal
     if found.missing:
@@ -129,8 +136,9 @@ def _values(one: CheckedChannel, rows: RowsOfData, ended: str | None) -> Iterato
             place=rows.place(limit.first),
         )
     grid = found.quantisation
-    # few levels are switched: their steps are what somebody chose
-    if grid is not None and grid.levels > FEW_LEVELS and grid.share > _COARSE:
+    # an input of few levels is switched between them; a target of few is rounded most coarsely
+    least = _SWITCHED if is_target else FEW_LEVELS
+    if grid is not None and grid.levels > least and grid.share > _COARSE:
         yield errors.coarse_steps(
             signal=name,
             step=grid.step,
@@ -138,6 +146,7 @@ def _values(one: CheckedChannel, rows: RowsOfData, ended: str | None) -> Iterato
             levels=grid.levels,
             bits=grid.bits,
             share=grid.share,
+            may_switch=grid.levels <= FEW_LEVELS,
         )
     if (found_doubt := doubt(signal.unit, found.low, found.high)) is not None:
         rather, reason = found_doubt

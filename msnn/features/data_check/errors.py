@@ -61,7 +61,10 @@ def missing_values(
         if ended == "nan: drop":
             repair = "`nan: drop` already leaves such records out; `nan: split` keeps their parts"
     elif is_input:
-        repair = "`nan: split` under `data:` ends the episode there, `nan: drop` leaves records out"
+        repair = (
+            "training stops there (E0809): `nan: split` under `data:` ends the episode, "
+            "`nan: drop` leaves records out"
+        )
     return warning("W0814", None, message, help=repair)
 
 
@@ -94,7 +97,14 @@ def stays_at_limit(
 
 
 def coarse_steps(
-    *, signal: str, step: float, unit: str, levels: int, bits: float, share: float
+    *,
+    signal: str,
+    step: float,
+    unit: str,
+    levels: int,
+    bits: float,
+    share: float,
+    may_switch: bool,
 ) -> Diagnostic:
     """W0817: a signal that is rounded so coarsely that the rounding shows in every figure."""
     message = (
@@ -102,9 +112,12 @@ def coarse_steps(
         f"its rounding alone is {share:.1%} of its deviation"
     )
     repair = (
-        f"no model of `{signal}` reaches a `fit` beyond {100 * (1 - share):.1f} %: set limits of "
+        f"no model of `{signal}` reaches a `fit` beyond {100 * (1 - share):.1f} %"
+        f"{' unless it rounds as well' if may_switch else ''}: set limits of "
         f"`validate:` above {step / 12**0.5:.2g}{unit} rmse, or record with more digits"
     )
+    if may_switch:
+        repair += f"; ignore this if `{signal}` is switched between these values"
     return warning("W0817", None, message, help=repair)
 
 
@@ -314,8 +327,9 @@ def set_point_as_input(*, signal: str, input: str, controller: str | None) -> Di
         f"their difference, and `{input}` acts through `{controller}` alone"
     )
     repair = (
-        f"for a model of the plant, take `{input}` out of `inputs:`; for a model of the closed "
-        f"loop, take `{controller}` out"
+        f"for a model of the plant, take `{input}` out of `inputs:`; its errors on this recording "
+        f"may rise, since it no longer learns the controller; for a model of the closed loop, take "
+        f"`{controller}` out"
     )
     return warning("W0847", None, message, help=repair)
 

@@ -241,6 +241,7 @@ def test_a_set_point_is_told_with_its_controller(tmp_path: Path):
     found = looked_at(tmp_path, with_set_point(), WITH_W)
     text = said(found)["W0847"]
     assert "`w` is the set-point of `y`: a controller computes `u` from" in text
+    assert "its errors on this recording may rise" in text
     assert "W0827" not in said(found)
     record = check_record(found)["system"]["targets"][0]["inputs"]
     assert [(one["set_point"], one["controller"]) for one in record] == [(False, None), (True, "u")]
@@ -255,6 +256,27 @@ def test_a_set_point_without_its_controller_needs_a_name(tmp_path: Path):
     for name, told in (("w", False), ("y_set", True), ("set_size", False), ("offset", False)):
         one = {"time": table["time"], name: table["w"], "y": table["y"]}
         assert ("W0847" in said(looked_at(tmp_path, one, spec.replace("NAME", name)))) == told
+
+
+@pytest.mark.parametrize(("step", "is_target"), [(0.6, True), (0.4, True), (0.6, False)])
+def test_few_levels_are_rounding_of_a_target_and_a_switch_of_an_input(
+    step: float, is_target: bool, tmp_path: Path
+):
+    table = columns()
+    name = "y" if is_target else "u"
+    table[name] = np.round(table[name] / step) * step
+    assert 3 <= len(np.unique(table[name])) <= 16
+    found = said(looked_at(tmp_path, table))
+    assert ("W0817" in found) == is_target
+    if is_target:
+        assert f"`y` has steps of {step} K" in found["W0817"]
+        assert "ignore this if `y` is switched" in found["W0817"]
+
+
+def test_a_target_that_is_on_or_off_is_not_rounded(tmp_path: Path):
+    table = columns()
+    table["y"] = 300 + (table["y"] > 300)
+    assert "W0817" not in said(looked_at(tmp_path, table))
 
 
 def test_a_range_without_width_is_not_printed(tmp_path: Path):
@@ -308,14 +330,31 @@ def test_many_short_parts_are_too_few_only_if_none_has_enough_rows(
         assert "30 rows in one part are enough" in found["W0829"]
 
 
-@pytest.mark.parametrize("key", ["nan: split", "nan: drop", "resample: linear"])
+@pytest.mark.parametrize("key", ["nan: split", "nan: drop", "resample: linear, nan: split"])
 def test_a_key_that_the_spec_has_is_not_advised(key: str, tmp_path: Path):
     table = columns()
     table["u"][[500, 501]] = np.nan
     found = looked_at(tmp_path, table, SPEC.replace("time: time}", f"time: time, {key}}}"))
     text = said(found)["W0814"]
-    assert f"`{key}` already" in text
+    assert f"`{key.rsplit(', ')[-1]}` already" in text
     assert "under `data:` ends" not in text
+    model = load_model(tmp_path / "plant.msnn.yaml")
+    assert model.spec.data is not None
+    load_data(model.program, model.spec.data, tmp_path)
+
+
+def test_resampling_does_not_accept_missing_inputs(tmp_path: Path):
+    """Training stops at an empty cell of an input, so the help names the key that is missing."""
+    table = columns()
+    table["u"][[500, 501]] = np.nan
+    spec = SPEC.replace("time: time}", "time: time, resample: linear}")
+    text = said(looked_at(tmp_path, table, spec))["W0814"]
+    assert "training stops there (E0809): `nan: split` under `data:`" in text
+    model = load_model(tmp_path / "plant.msnn.yaml")
+    assert model.spec.data is not None
+    with pytest.raises(SpecError) as error:
+        load_data(model.program, model.spec.data, tmp_path)
+    assert {one.code for one in error.value.diagnostics} == {"E0809"}
 
 
 def test_everything_at_once_breaks_nothing(tmp_path: Path):

@@ -340,7 +340,7 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
 
 _DRAWS = 40
 _RESOLUTION = 1e-3
-"""Minimum relative width of a range: below it, rounding and truncation exceed the errors of noise."""
+"""Minimum relative width of a range; rounding and truncation of the model exceed smaller ones."""
 _WIDEST = 4.0
 """A slowest time constant with a lower bound below this part of it is not told."""
 _OUTSIDE = 0.025
