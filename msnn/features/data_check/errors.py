@@ -256,16 +256,21 @@ def short_horizon(
 
 
 def closed_loop_data(*, input: str, signal: str, share: float) -> Diagnostic:
-    """W0825: an input that was made from the output that it should explain."""
+    """W0825: an input that past values of the output help to predict."""
     message = (
-        f"the past of `{signal}` explains {share:.0%} of what is new in `{input}`: "
-        "a controller was at work"
+        f"past values of `{signal}` help to predict `{input}`: they explain {share:.0%} of what "
+        f"the past of `{input}` leaves open"
+    )
+    note = (
+        f"a controller computes `{input}` from `{signal}`, or `{input}` is held or changes "
+        "smoothly between rows"
     )
     repair = (
-        f"predict one step (`rollout: 1`) or simulate with an estimated start, and do not leave "
-        f"the past of `{signal}` out; a reference signal added to `{input}` would tell both apart"
+        f"with a controller, predict one step (`rollout: 1`) or simulate with an estimated start, "
+        f"and do not leave the past of `{signal}` out; a reference signal added to `{input}` would "
+        "tell both apart"
     )
-    return warning("W0825", None, message, help=repair)
+    return warning("W0825", None, message, notes=(note,), help=repair)
 
 
 def dependent_inputs(*, input: str, formula: str, share: float) -> Diagnostic:

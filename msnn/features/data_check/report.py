@@ -109,7 +109,7 @@ def _inputs_table(system: CheckedSystem) -> str:
 
 def _pairs_table(system: CheckedSystem) -> str:
     header = ("target", "input", "response", "delay", "delay / s", "time constants / s")
-    header += ("slowest, range / s", "periods / s", "settled after / s", "feedback")
+    header += ("slowest, range / s", "periods / s", "settled after / s", "predicted by target")
     rows: list[tuple[str, ...]] = []
     for target in system.targets:
         for number, channel in enumerate(system.inputs):

@@ -201,8 +201,21 @@ def test_feedback_and_dependence(tmp_path: Path):
         u[t] = 2 * (reference[t] - y[t - 1])
     table |= {"u": u, "y": 300 + y, "w": 3 * u}
     found = said(looked_at(tmp_path, table, spec))
-    assert "a controller was at work" in found["W0825"]
+    assert "past values of `y` help to predict `u`" in found["W0825"]
     assert "`w` = 3 u, to 100.00 %" in found["W0826"]
+
+
+def test_a_smooth_input_without_controller_is_not_blamed_on_one(tmp_path: Path):
+    """The target shows how an input moves between rows, in open loop: no controller is claimed."""
+    table, random = columns(), np.random.default_rng(0)
+    fine = np.convolve(random.normal(size=10 * ROWS + 29), np.hanning(30), "valid")
+    y = first_order(fine, 100, 1)[::10]
+    table |= {"u": fine[::10], "y": 300 + noisy(y, 0.002, 2)}
+    found = looked_at(tmp_path, table)
+    text = said(found)["W0825"]
+    assert "a controller computes `u` from `y`, or `u` is held or changes smoothly" in text
+    assert "with a controller, predict one step" in text
+    assert "predicted by target" in check_tables(found)
 
 
 def test_the_advice_is_weaker_where_the_recording_is_short(tmp_path: Path):
@@ -275,7 +288,7 @@ def test_few_levels_are_rounding_of_a_target_and_a_switch_of_an_input(
 
 def test_a_target_that_is_on_or_off_is_not_rounded(tmp_path: Path):
     table = columns()
-    table["y"] = 300 + (table["y"] > 300)
+    table["y"] = np.where(table["y"] > 300, 301.0, 300.0)
     assert "W0817" not in said(looked_at(tmp_path, table))
 
 
