@@ -334,7 +334,7 @@ def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic
     for target in system.targets:
         constants = target.found.constants
         if constants is not None and not constants.integrates:
-            yield from _sampling(target, constants, system.step)
+            yield from _sampling(system, target, constants)
     expected = model.program.sample_time
     if expected is None or abs(system.step - expected) > GAP_TOLERANCE * expected:
         return  # rows of the files are no samples of the model
@@ -347,7 +347,9 @@ def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic
     yield from _horizon(model, system.targets)
 
 
-def _sampling(target: CheckedTarget, constants: TimeConstants, step: float) -> Iterator[Diagnostic]:
+def _sampling(
+    system: CheckedSystem, target: CheckedTarget, constants: TimeConstants
+) -> Iterator[Diagnostic]:
     # the slowest motion decides whether too slow, the fastest whether too fast
     scales = [
         (period, True) if math.isfinite(period) else (mode, False)
@@ -357,16 +359,36 @@ def _sampling(target: CheckedTarget, constants: TimeConstants, step: float) -> I
     every = round(constants.fastest / _USUAL) if constants.fastest > _MOST else None
     if every is not None:
         slow, oscillates = min(scales)
+        if _moves_within(system, target, every):
+            return  # fewer rows would lose the motion of an input
     elif slow >= _FEWEST or constants.interval[1] > 2 * constants.slowest:
         return
     rows, kind = slow, "period" if oscillates else "time constant"
     yield errors.sampling_of_system(
         signal=target.channel.name,
-        motion=f"has a {kind} of {rows * step:.3g} s",
+        motion=f"has a {kind} of {rows * system.step:.3g} s",
         rows=rows,
         of=kind,
         every=every,
     )
+
+
+_HELD = 0.05
+"""Maximum variance, relative to that of an input, of its motion after a row that is used."""
+
+
+def _moves_within(system: CheckedSystem, target: CheckedTarget, every: int) -> bool:
+    """True if an input that the target responds to moves between rows 0, `every`, 2·`every`, …"""
+    for number, channel in enumerate(system.inputs):
+        answer = target.found.answers[number]
+        if target.found.delays[number] is None and (answer is None or not answer.seen):
+            continue
+        values = channel.values
+        lost = values - np.repeat(values[::every], every)[: len(values)]
+        known = np.isfinite(lost)
+        if known.any() and np.mean(lost[known] ** 2) > _HELD * np.var(values[known]):
+            return True
+    return False
 
 
 def _delays(

@@ -125,6 +125,11 @@ def slow(table: dict[str, FloatArray]) -> None:
     table["y"] = 300 + 5 * noisy(first_order(table["u"], 150, 1), 0.02)
 
 
+def slow_inputs(table: dict[str, FloatArray]) -> None:
+    table["u"] = held(ROWS, 0, 150, 300)
+    slow(table)
+
+
 def unmoved(table: dict[str, FloatArray]) -> None:
     table["y"] = 300 + np.random.default_rng(3).normal(size=ROWS)
 
@@ -154,7 +159,7 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         (late, "W0820", ("after 4 rows (0.4 s)", "read `u[t-3]`")),
         (at_once, "W0820", ("in the same row", "`between: linear` at `u`", "`predicts: y[t]`")),
         (poor, "W0821", ("`u` excites ", "Hz")),
-        (slow, "W0822", ("sample times; 10 to 30", "`every: 8`")),
+        (slow_inputs, "W0822", ("sample times; 10 to 30", "`every: ")),
         (slow, "W0824", ("40 rows", "`train.0.rollout.horizon: ")),
         (unmoved, "W0827", ("`y` shows no response to `u` within 100 rows (joint test: p = ",)),
     ],
@@ -290,6 +295,12 @@ def test_a_target_that_is_on_or_off_is_not_rounded(tmp_path: Path):
     table = columns()
     table["y"] = np.where(table["y"] > 300, 301.0, 300.0)
     assert "W0817" not in said(looked_at(tmp_path, table))
+
+
+def test_rows_are_not_left_out_where_an_input_moves_between_them(tmp_path: Path):
+    table = columns()
+    slow(table)
+    assert "W0822" not in said(looked_at(tmp_path, table))
 
 
 def test_a_range_without_width_is_not_printed(tmp_path: Path):
