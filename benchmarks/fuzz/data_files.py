@@ -117,11 +117,15 @@ def write_files(
     kind = rng.choice(kinds[:6] if clock.is_date else kinds)
     columns = _columns(kind, clock, rng)
     comma = kind in ("txt", "dat") and rng.random() < 0.6
+    thousands = None
+    if kind in ("txt", "dat"):
+        thousands = rng.choice([None, "." if comma else ",", "'", " ", "\u202f"])
     preamble = rng.choice([0, 0, 2]) if kind in _TEXT else 0
     comment = rng.choice([None, None, "#"]) if kind in _TEXT else None
     layout = {
         "delimiter": {"txt": '"|"', "dat": '";"'}.get(kind),
         "decimal": '","' if comma else None,
+        "thousands": thousands and f'"{thousands}"',
         "skip": preamble or None,
         "comment": comment and f'"{comment}"',
         "header": None if columns[0].number is None else "false",
@@ -142,7 +146,9 @@ def write_files(
             cells |= {name: _marked(cells[name], mark, rng) for name in "uzy"}
         path = folder / name
         if kind in _TEXT:
-            text = _text(columns, cells, rng, _TEXT[kind], comma=comma, comment=comment)
+            text = _text(
+                columns, cells, rng, _TEXT[kind], comma=comma, thousands=thousands, comment=comment
+            )
             lines = [*(f"logged by {name}, no. {k}" for k in range(preamble)), *text]
             # with and without a byte order mark
             path.write_text("\n".join(lines) + "\n", rng.choice(["utf-8", "utf-8-sig"]))
@@ -199,6 +205,7 @@ def _text(
     delimiter: str,
     *,
     comma: bool,
+    thousands: str | None,
     comment: str | None,
 ) -> list[str]:
     """The lines of a text file."""
@@ -213,7 +220,10 @@ def _text(
             return cell
         if np.isnan(cell):
             return rng.choice(_MISSING)
-        return repr(cell).replace(".", ",") if comma else repr(cell)
+        whole, point, rest = repr(cell).partition(".")
+        if thousands is not None and rng.random() < 0.8:
+            whole = f"{int(whole):,}".replace(",", thousands) if whole.lstrip("-") != "0" else whole
+        return whole + (point and "," if comma else point) + rest
 
     for row in zip(*(cells[column.name] for column in columns), strict=True):
         if comment is not None and rng.random() < 0.2:

@@ -52,9 +52,9 @@ _FUNCTIONS = {"import": "import_", "compile": "compile_"}
 
 
 def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
-    """The typer application of the command line with these commands.
+    """The typer application of the command line, with these commands.
 
-    Parsing the options of all commands takes longer than `check`.
+    A single command is faster: parsing the options of all takes longer than `check`.
     """
     app = typer.Typer(
         name="msnn",
@@ -95,7 +95,9 @@ def _options(
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Runs one command with these arguments; returns its exit code and raises nothing."""
+    """Runs one command with these arguments; returns its exit code. All exceptions are handled, and
+    reported to stderr.
+    """
     began = time.monotonic()
     forget_manners()
     TRACEBACKS.clear()
@@ -119,7 +121,9 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _ended_writing(path: Path, results: Sequence[str]) -> int:
-    """Writes the results to the file of `-o`, even if they report errors; returns the exit code."""
+    """Writes the results to the file of `-o`, even if they report errors. Returns OK, or the exit
+    code of a file that cannot be written, which is reported.
+    """
     from backends.files.atomic_write import write_text
 
     try:
@@ -172,8 +176,8 @@ def _code_of(end: SystemExit) -> int:
 
 
 def _needed(arguments: Sequence[str]) -> Sequence[str]:
-    """The command that the arguments name; all commands if it is unknown, for `--help` and "did you
-    mean".
+    """The commands to load: the one that the arguments name, none for a plug-in's, all commands if
+    it is unknown, for `--help` and "did you mean".
     """
     first = "".join(arguments[:1])
     if first in VERBS:
@@ -182,7 +186,9 @@ def _needed(arguments: Sequence[str]) -> Sequence[str]:
 
 
 def _plugin_of(arguments: Sequence[str]) -> Plugin | None:
-    """The plug-in that brings the verb of a command line; None for our own verbs."""
+    """The plug-in that brings the command in these arguments; None for msnn's own and unknown
+    commands.
+    """
     first = "".join(arguments[:1])
     is_ours = not first or first.startswith("-") or first in VERBS
     return None if is_ours else plugin_with_verb(first)
@@ -199,7 +205,9 @@ def _tell_kept_messages() -> None:
 
 
 def _write_no_more() -> None:
-    """Prevents further output when the process ends."""
+    """Redirects stdout to the null device, so that the end of the process prints no error for a
+    closed pipe.
+    """
     # the interpreter flushes stdout as it ends, which would fail once more and print a traceback
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

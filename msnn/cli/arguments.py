@@ -83,13 +83,13 @@ NewSettings: TypeAlias = Annotated[
 
 def words_of(texts: Sequence[str] | None) -> list[str]:
     """The words of an option that takes several, separated by commas or given by repeating the
-    option.
+    option; empty for None.
     """
     return [word.strip() for text in texts or () for word in text.split(",") if word.strip()]
 
 
 def refuse_two_origins(weights: Path | None, initial: bool) -> None:
-    """A usage error if both a weights file and the initial values are requested."""
+    """Raises BadParameter if both a weights file and the initial values are requested."""
     if weights is not None and initial:
         message = "takes other weights than `--weights`: give one of the two"
         raise typer.BadParameter(message, param_hint="'--initial'")
@@ -102,7 +102,9 @@ PlotFile: TypeAlias = Annotated[
 
 
 def refuse_undrawable(plot: Path | None) -> None:
-    """A usage error for an unknown plot format; MissingExtraError without matplotlib."""
+    """Raises BadParameter for an unknown plot format, MissingExtraError without matplotlib. Does
+    nothing without a plot.
+    """
     if plot is None:
         return
     from msnn.reports.plotting import FORMATS, require_plotting
@@ -156,7 +158,9 @@ class ResultFormat(StrEnum):
 
 
 def tell_messages(format: StrEnum) -> StrEnum:
-    """Sets the format of messages from `--format`; other formats apply to the result."""
+    """Sets the format of messages from `--format`, and returns it. `text` and `json` only affect
+    the result.
+    """
     match format.value:
         # `text` and `json` say how the result looks; messages stay in full on stderr beside both
         case "concise" | "github" | "sarif" as chosen:

@@ -29,7 +29,8 @@ def trials_shown(plot: Path | None, pause: float = 0.0) -> Generator[TrialLines]
     """A context that prints results of trainings as they complete, at most one line per `pause`
     seconds.
 
-    After an interrupt it prints how to continue.
+    After an interrupt it prints how to continue and raises typer.Exit. Raises BadParameter for an
+    unknown format of `plot`, MissingExtraError without matplotlib.
     """
     speak_once()
     refuse_undrawable(plot)
@@ -48,8 +49,8 @@ def show_comparison(
     plot: Path | None,
     most: int | None = None,
 ) -> None:
-    """Prints the table (as text at most `most` rows), notes and plot; exits if a training
-    failed.
+    """Prints the comparison of the command `verb` (as text at most `most` rows), notes and plot.
+    Raises typer.Exit if a training was refused, or if none was completed.
     """
     if format is ResultFormat.JSON:
         json_result(verb, comparison_record(found))

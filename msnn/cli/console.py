@@ -33,16 +33,19 @@ JSON_VERSION = 1
 
 
 def result(text: str) -> None:
-    """Writes the result to stdout, or at the end to the file of `-o`.
+    """Writes the result to stdout, or at the end of the command to the file of `-o`.
 
-    Writes nothing if the result is a SARIF log.
+    Writes nothing if the result is a SARIF log. Raises ReaderGoneError if the reader of a pipe has
+    ended, OSError if it cannot be written.
     """
     if NOW.messages != "sarif":
         _written(text)
 
 
 def sarif_result() -> None:
-    """Prints the log of all diagnostics with `--format sarif`."""
+    """Writes the log of all diagnostics as the result with `--format sarif`; nothing in other
+    formats.
+    """
     if NOW.messages == "sarif":
         _written(render(NOW.kept, "sarif"))
 
@@ -55,25 +58,29 @@ def _written(text: str) -> None:
 
 
 def json_result(command: str, content: dict[str, Any]) -> None:
-    """Prints a result as JSON, with the version of its format."""
+    """Writes `content` as the JSON result of `command`, with the version of the format."""
     result(json_text(command, content))
 
 
 def json_text(command: str, content: dict[str, Any]) -> str:
-    """A result as JSON text with its version; NaN and infinity become null."""
+    """The result `content` of `command` as JSON text with the version of the format; NaN and
+    infinity become null.
+    """
     record = {"version": JSON_VERSION, "command": command, **content}
     text = json.dumps(plain(record), ensure_ascii=False, indent=2, allow_nan=False)
     return printable_json(text)
 
 
 def note(text: str) -> None:
-    """Prints a hint in one line."""
+    """Prints a hint to stderr in one line; nothing with `--quiet`."""
     if not NOW.is_quiet:
         _say(printable(text), sys.stderr)
 
 
 def progress_stream() -> TextIO:
-    """The stream for progress; discards output with `--quiet`."""
+    """The stream for progress: stderr, or one that discards everything with `--quiet` or if another
+    process prints.
+    """
     # no stream that a test for a terminal takes for one: nothing is then rewritten in place
     return _Nowhere() if NOW.is_quiet or NOW.is_silent else sys.stderr
 
@@ -102,8 +109,8 @@ def _say(text: str, stream: TextIO) -> None:
 
 
 def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> None:
-    """Prints diagnostics to stderr in the format of `--format`; full ones are separated by blank
-    lines.
+    """Prints diagnostics to stderr in the format of `--format`, with lines of `sources`; with
+    `--quiet` only errors. For SARIF they are stored until the end.
     """
     # kept even with `--quiet`: the log is the result, and readers of it filter by severity
     # themselves
@@ -124,7 +131,7 @@ def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> 
 def report_model(model: Model) -> None:
     """Prints the warnings of loading a model, with `--verbose` also its remarks.
 
-    Raises the errors of `spare_files_of`.
+    Raises BadParameter if the command would overwrite a file of the model or its data.
     """
     spare_files_of(model)
     remarks = model.remarks if NOW.is_verbose else ()
@@ -132,7 +139,7 @@ def report_model(model: Model) -> None:
 
 
 def spare_files_of(model: Model) -> None:
-    """A usage error if the command would overwrite a file of the model or its data."""
+    """Raises BadParameter if the command would overwrite a file of the model or its data."""
     if NOW.outputs:
         NOW.outputs.spare(_files_of(model))
 
@@ -153,7 +160,9 @@ def _files_of(model: Model) -> Iterator[Path]:
 
 
 def wants_color(stream: TextIO) -> bool:
-    """True if a stream shows colours: NO_COLOR (no-color.org), FORCE_COLOR, or a terminal."""
+    """True if text to a stream is to have colours: by NO_COLOR (no-color.org), else by FORCE_COLOR,
+    else on a terminal.
+    """
     # no-color.org: present and not empty, whatever its value
     if os.environ.get("NO_COLOR"):
         return False
@@ -164,7 +173,7 @@ def wants_color(stream: TextIO) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """A JSON value with NaN and infinity replaced by null."""
+    """A JSON value in which null replaces NaN and infinity, also within lists and objects."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in cast("dict[str, Any]", value).items()}
     if isinstance(value, list):
@@ -180,7 +189,9 @@ _AGAIN = 0.1, 5.0
 
 
 class StepProgress:
-    """Progress lines; on a terminal one line that is rewritten, and cleared at the end."""
+    """A context that shows the progress of a simulation; on a terminal one line that is rewritten,
+    and cleared at the end.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._live = stream, is_live(stream)
@@ -190,7 +201,9 @@ class StepProgress:
         self._said = False
 
     def told(self, done: int, total: int) -> None:
-        """Shows progress: `done` of `total` steps are complete."""
+        """Shows that `done` of `total` steps are complete, and the remaining time, at most every
+        few seconds.
+        """
         now = time.monotonic()
         if self._began is None:
             self._began, self._next = (now, done), now + _FIRST
@@ -224,7 +237,9 @@ class StepProgress:
 
 
 def append_summary(file: Path, text: str) -> None:
-    """Appends Markdown to the file, separated from the output of other steps."""
+    """Appends Markdown to the file, which other steps of a pipeline may have written to; makes its
+    folder if needed.
+    """
     file.parent.mkdir(parents=True, exist_ok=True)
     # appended, not replaced: GitHub gives every step of a job the same file
     with file.open("a", encoding="utf-8") as page:
@@ -232,8 +247,8 @@ def append_summary(file: Path, text: str) -> None:
 
 
 def answer(error: Exception) -> ExitCode:
-    """Prints an error to stderr and returns the exit code; BUG, without a message, for unexpected
-    exceptions.
+    """Prints an error to stderr and returns the exit code. Unexpected exceptions print nothing and
+    return BUG.
     """
     match error:
         case SpecError():

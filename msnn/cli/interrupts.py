@@ -15,7 +15,8 @@ INTERRUPTED = 130  # ExitCode.INTERRUPTED, which is not loaded yet
 
 
 def expect_early_interrupts() -> None:
-    """Handles Ctrl-C without a traceback while `msnn` is loading, before `main` runs.
+    """Replaces the exception hook of `msnn`, so that Ctrl-C prints no traceback while it is
+    loading, before `main` runs.
 
     Does not affect other programs that import msnn.
     """
@@ -60,7 +61,7 @@ def was_interrupted() -> bool:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """True if an exception was caused by KeyboardInterrupt; libraries may wrap it."""
+    """True if an exception is KeyboardInterrupt or was caused by one; libraries may wrap it."""
     found: BaseException | None = error
     while found is not None:
         if isinstance(found, KeyboardInterrupt):

@@ -65,7 +65,9 @@ def main() -> NoReturn:
 
 
 def _open_closed_streams() -> None:
-    """Replaces closed streams (`>&-`): input is empty, output is discarded."""
+    """Replaces closed standard streams (`>&-`) by the null device: input is empty, output is
+    discarded.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             # takes the closed one's number, which would be that of the next file that is opened
@@ -73,7 +75,9 @@ def _open_closed_streams() -> None:
 
 
 def _leave(code: int) -> None:
-    """Ends the process without freeing its objects, which would take a twentieth of `check`."""
+    """Ends the process without freeing its objects, which would take a twentieth of the time of
+    `check`. Returns if output cannot be written, so that Python reports it.
+    """
     try:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, TextIOWrapper):

@@ -25,9 +25,9 @@ _WRITES = os.O_WRONLY | os.O_RDWR
 class Outputs:
     """The existing files that the running command will replace or extend.
 
-    A usage error ends the command when it opens one of them for reading: a Python audit hook
-    observes every opened file. A reader in C or in another process reports its file with
-    `sys.audit("open", path, "r", os.O_RDONLY)`.
+    Raises BadParameter when the command opens one of them for reading: a Python audit hook observes
+    every opened file. A reader in C or in another process reports its file with `sys.audit("open",
+    path, "r", os.O_RDONLY)`.
     """
 
     def __init__(self) -> None:
@@ -43,8 +43,8 @@ class Outputs:
         self._files.clear()
 
     def protect(self, *outputs: Path) -> None:
-        """Adds files that the command will write; BadParameter for duplicates and for files of a
-        run.
+        """Adds files that the command will write. Raises BadParameter for duplicates and for files
+        of a run.
         """
         new = [path.absolute() for path in outputs if not path.exists()]
         if twice := [path for path in new if new.count(path) > 1]:
@@ -78,7 +78,9 @@ class Outputs:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """The device and inode of a regular file; None for other paths."""
+    """The device and inode numbers of a regular file; None for folders, devices and paths that do
+    not exist.
+    """
     try:
         found = path.stat()
     except (OSError, ValueError):
@@ -98,8 +100,8 @@ Messages = Literal["full", "concise", "github", "sarif"]
 
 @dataclass(slots=True)
 class Manners:
-    """The options that every command has: `-q`, `-v`, `-o` and `--format`, as given to the running
-    one.
+    """The values of the options that every command has, `-q`, `-v`, `-o` and `--format`, for the
+    running command.
     """
 
     is_quiet: bool = False
@@ -134,7 +136,9 @@ def forget_manners() -> None:
 
 
 def terminal_width() -> int | None:
-    """Maximum width of tables; None if the output is not a terminal."""
+    """Width of the terminal in characters, the maximum for tables; None if stdout is not a
+    terminal.
+    """
     # asked for only of a terminal: without one it answers COLUMNS or 80, and files would be cut to
     # that
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
@@ -167,8 +171,10 @@ WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary", "json", "report
 
 
 def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
-    """A copy of a command's function with the options `-q`, `-v` and, without an output option,
-    `-o`.
+    """A copy of a command's function with the options `-q`, `-v` and `-o`; without `-o` if it has
+    an output option itself.
+
+    The copy sets NOW. It raises BadParameter if the command would overwrite a file that it reads.
     """
     # typer reads the types of options, which `from __future__ import annotations` leaves as texts
     own = signature(verb, eval_str=True)
@@ -204,7 +210,9 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 def _paths(arguments: Mapping[str, object], names: Iterable[str]) -> list[Path]:
-    """The paths among the values of options, in order."""
+    """The paths among the values of the options `names`, in order; `arguments` are all options by
+    name.
+    """
     chosen = [arguments[name] for name in arguments if name in set(names)]
     several = [cast("list[object]", one) if isinstance(one, list) else [one] for one in chosen]
     return [path for each in several for path in each if isinstance(path, Path)]

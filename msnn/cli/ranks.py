@@ -22,7 +22,8 @@ def joined_ranks() -> Generator[GlooRanks | None]:
     """A context with the processes that torchrun has started for one training; None without
     torchrun.
 
-    Only the first one shows progress. An error is printed by the process that meets it first.
+    Only the first process shows progress. An error is printed by the process that meets it first.
+    Raises MissingExtraError without torch.
     """
     # found in the environment that torchrun sets, so that a command on its own never loads torch
     # here
@@ -46,9 +47,8 @@ def joined_ranks() -> Generator[GlooRanks | None]:
 
 
 def _is_of_lost_rank(error: BaseException) -> bool:
-    """True if the error says that a process was lost, and thus where the training is saved.
-
-    Only the first process knows that place.
+    """True if the error is E0867: another process was lost, and the message says where the training
+    is saved. Only the first process knows that place.
     """
     return isinstance(error, SpecError) and any(d.code == "E0867" for d in error.diagnostics)
 

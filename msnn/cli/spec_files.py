@@ -17,9 +17,9 @@ _MADE = {"build", "runs"}
 
 
 def spec_files(paths: Sequence[Path]) -> Iterator[Path]:
-    """Every file, and for a folder all specs in and below it, ordered by name.
+    """Yields every file, and for a folder all specs in and below it, ordered by name.
 
-    The folder of a run counts as one model. A folder without specs is a usage error.
+    The folder of a run counts as one model. Raises BadParameter for a folder without specs.
     """
     for path in paths:
         # the folder of a run is loaded as one model, with the settings that it was trained with
@@ -44,5 +44,5 @@ def _below(folder: Path) -> Iterator[Path]:
 
 
 def text_of(file: Path) -> str | None:
-    """The text of standard input if the file is `-`, else None."""
+    """The text of standard input if the file is `-`; None for other files, which are read later."""
     return sys.stdin.read() if file == STANDARD_INPUT else None

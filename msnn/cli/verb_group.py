@@ -23,19 +23,21 @@ _UsageError: Any = typer.BadParameter.__bases__[0]
 
 
 def plugin_with_verb(name: str) -> Plugin | None:
-    """The plug-in that brings a verb; looks plug-ins up."""
+    """The plug-in that brings the command `name`; None if no installed plug-in has it."""
     look_up()
     return next(iter(plugins_with([("verb", name)])), None)
 
 
 class VerbGroup(TyperGroup):
-    """Suggests the position of an option before the command, and has the verbs of plug-ins.
+    """The commands of msnn and of plug-ins. An option before its command is an error with a repair.
 
-    Plug-ins are looked up for a verb that is not ours, for `--help`, and for completion.
+    Plug-ins are looked up for a command that is not msnn's own, for `--help`, and for completion.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Like typer, except for an option that may belong to a command."""
+        """Like typer, but an option before the command that has it is a usage error with the right
+        order.
+        """
         first, *others = args or [""]
         own = {option for parameter in self.get_params(ctx) for option in parameter.opts}
         verb = next((word for word in others if word in self.commands), None)
@@ -44,7 +46,9 @@ class VerbGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Like typer; a verb that is not ours may be one of a plug-in."""
+        """Like typer, but also finds the commands of plug-ins. None if there is none of
+        this name.
+        """
         ours = super().get_command(ctx, cmd_name)
         if ours is not None or plugin_with_verb(cmd_name) is None:
             return ours
@@ -54,7 +58,9 @@ class VerbGroup(TyperGroup):
         return None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Like typer; the message for an unknown verb knows those of plug-ins."""
+        """Like typer, but for an unknown command also suggests those of plug-ins, and reports
+        plug-ins that do not work.
+        """
         try:
             return super().resolve_command(ctx, args)
         except _UsageError as error:
@@ -66,7 +72,7 @@ class VerbGroup(TyperGroup):
             raise
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Like typer; completion also offers the verbs of plug-ins."""
+        """Like typer, but completion in a shell also offers the commands of plug-ins."""
         ours = super().list_commands(ctx)
         if not ctx.resilient_parsing:
             return ours
@@ -74,7 +80,9 @@ class VerbGroup(TyperGroup):
         return [*ours, *VERBS]
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Like typer, with a group for the verbs of plug-ins, each with its package and version."""
+        """Like typer, with another group for the commands of plug-ins, each with its package and
+        version.
+        """
         super().format_commands(ctx, formatter)
         rows = plugin_rows("verb", lambda feature: feature.verbs)
         if rows:
@@ -82,7 +90,9 @@ class VerbGroup(TyperGroup):
                 formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
-        """Like typer; quoted parts of the command line are made printable."""
+        """Like typer, but control characters in quoted parts of the command line are escaped in
+        messages.
+        """
         try:
             return super().invoke(ctx)
         except _UsageError as error:
@@ -91,7 +101,7 @@ class VerbGroup(TyperGroup):
 
 
 def _command_of(line: VerbLine) -> Any:
-    """The command of a plug-in, with the options that every verb has."""
+    """The command of a plug-in, with the options that every command has."""
     whole = typer.Typer(cls=TyperGroup, add_completion=False, rich_markup_mode=None)
     whole.callback()(_no_options)
     verb = line.command.value
@@ -118,7 +128,9 @@ def _no_options() -> None:
 
 
 def _with_manners(app: typer.Typer, module: str) -> typer.Typer:
-    """A copy of an application of several commands, each with the options that every verb has."""
+    """A copy of a plug-in's application with several commands, each with the options that every
+    command has. `module` is the plug-in's.
+    """
     copied = copy.copy(app)
     copied.registered_commands = [copy.copy(info) for info in app.registered_commands]
     for info in copied.registered_commands:
@@ -134,8 +146,10 @@ def _with_manners(app: typer.Typer, module: str) -> typer.Typer:
 def plugin_rows(
     kind: str, lines: Callable[[Feature], Sequence[VerbLine | TargetLine]]
 ) -> list[tuple[str, str]]:
-    """The names that plug-ins bring of a kind such as `verb`, each with its help, package and
-    version.
+    """Rows for `--help` of the names that plug-ins bring: each with its help, package and version.
+
+    `kind` is `verb` or `target`; `lines` returns the entries of that kind of a feature. Warnings
+    about plug-ins are reported.
     """
     plugins = look_up()
     report(plugins.warnings, ())
@@ -148,7 +162,7 @@ def plugin_rows(
 
 
 class VerbCommand(TyperCommand):
-    """Rejects extra arguments, and a second value of an option that takes one.
+    """A command that rejects extra arguments, and a second value of an option that takes one.
 
     Data files are passed by an option.
     """
@@ -164,7 +178,7 @@ class VerbCommand(TyperCommand):
                 formatter.write_dl(rows)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Like typer; extra words and values end the command with a suggestion."""
+        """Like typer, but extra words and repeated values are a usage error with a suggestion."""
         if not ctx.resilient_parsing:
             self._refuse_repeated(ctx, args)
         # so that click hands the words back instead of refusing them without a repair
@@ -182,7 +196,9 @@ class VerbCommand(TyperCommand):
         return left
 
     def _refuse_repeated(self, ctx: Any, args: list[str]) -> None:
-        """Ends the command where typer would take the last of several values silently."""
+        """A usage error for an option that is given several times and takes one value; typer would
+        silently use the last.
+        """
         parser: Any = self.make_parser(ctx)
         _, _, given = parser.parse_args(list(args))
         for option in given:

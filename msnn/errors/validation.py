@@ -23,7 +23,7 @@ class Outside:
 
 
 def extrapolates(name: str, outside: Sequence[Outside]) -> Diagnostic:
-    """W1004: rows that are measured on where inputs were never while training."""
+    """W1004: inputs of scored rows are outside the range of the training data."""
     if len(outside) == 1:
         (one,) = outside
         message = (
@@ -45,7 +45,7 @@ def extrapolates(name: str, outside: Sequence[Outside]) -> Diagnostic:
 
 
 def worse_than_mean(*, of: str, rmse: str, mean: str, rows: str, simulated: str) -> Diagnostic:
-    """W0842: an output whose errors are larger than those of a constant."""
+    """W0842: the errors of an output are larger than those of predicting its mean."""
     message = (
         f"`{of}` is worse than predicting the mean: rmse {rmse} ({simulated}), "
         f"the mean of the {rows} rows has {mean}"
@@ -58,7 +58,7 @@ def worse_than_mean(*, of: str, rmse: str, mean: str, rows: str, simulated: str)
 
 
 def of_another_fold(run: str, trained: int, held_out: int) -> Diagnostic:
-    """W1005: rows held out by one fold, of a model that another one was trained without."""
+    """W1005: a model of one fold is measured on rows of another fold, which it was trained on."""
     message = (
         f"the weights in {run} are those of fold {trained}, which was trained on what fold "
         f"{held_out} holds out: errors on these rows are too small"
@@ -77,7 +77,7 @@ def broken_limit(
     scored: int,
     span: Span | None,
 ) -> Diagnostic:
-    """E0870: a metric of a trained model that does not keep the limit of its entry."""
+    """E0870: a metric violates the limit of its `validate` entry, or is unknown."""
     message = f"{metric} of `{of}` is {value}, and the limit is {limit}"
     repair = "train again, or change the limit where the model is as good as it has to be"
     notes = (f"measured on `{data}`: {simulated}",)
@@ -92,14 +92,14 @@ def broken_limit(
 
 
 def not_verification(file: str) -> Diagnostic:
-    """E0853: a file of results that `msnn verify` has not written."""
+    """E0853: a file of results was not written by `msnn verify`."""
     message = f"{file} is not what `msnn verify --format json` writes"
     repair = "write it: `msnn verify build/export/c --format json -o verification.json`"
     return error("E0853", None, message, help=repair)
 
 
 def no_part(part: str, reason: str, repair: str | None = None) -> Diagnostic:
-    """W0809: a report that lacks a part."""
+    """W0809: a part of a report is missing."""
     message = f"the report has no {part}: {reason}"
     usual = "what it has is right all the same; mend the reason and write it again"
     return warning("W0809", None, message, help=repair or usual)

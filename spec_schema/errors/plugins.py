@@ -39,7 +39,8 @@ def other_version(what: str, package: str, then: str | None, now: str) -> Diagno
 
 
 def what_was_raised(raised: BaseException, module: str) -> str:
-    """The exception of a plug-in's `module`, with the last line of its own package.
+    """A text about the exception `raised` by a plug-in's `module`: its type and message, and the
+    last line in the traceback that is in the plug-in's own package.
 
     Functions of other packages that it calls are seldom at fault.
     """

@@ -219,6 +219,12 @@ def misfitting_split(problem: str, span: Span, repair: str) -> Diagnostic:
     return error("E0223", span, problem, "does not fit", help=repair)
 
 
+def ambiguous_thousands(sign: str, role: str, span: Span | None, repair: str) -> Diagnostic:
+    """E0890: one character between groups of three digits that also has another role."""
+    message = f"`{sign}` is the sign of thousands and {role}"
+    return error("E0890", span, message, "one sign with two meanings", help=repair)
+
+
 def reversed_range(low: str, high: str, span: Span) -> Diagnostic:
     """E0224: a range whose ends are in the wrong order."""
     return error("E0224", span, f"the range [{low}, {high}] is empty", "low must be below high")

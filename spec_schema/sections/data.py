@@ -16,7 +16,7 @@ from spec_schema.expressions.scanner import NUMBER_PATTERN, parse_length
 from spec_schema.expressions.tree import Duration
 from spec_schema.fields.entry import BySignal, Entry, Named, RefusedError, findings_of
 from spec_schema.fields.formulas import ConditionField
-from spec_schema.fields.leaf import Gathering, Located, one_or_many
+from spec_schema.fields.leaf import Choice, Gathering, Located, one_or_many
 from spec_schema.fields.plain import (
     Character,
     LocatedText,
@@ -42,7 +42,9 @@ _COLUMN_RANGE = re.compile(r"([^{}]*)\{([0-9]{1,4})\.\.([0-9]{1,4})\}([^{}]*)")
 
 @dataclass(frozen=True)
 class ColumnName:
-    """A column of a file, by the name in its header or by its index from 0."""
+    """A column of a file, by the name in its header or by its index from 0; `span` is its place in
+    the spec.
+    """
 
     column: str | int
     span: Span = field(compare=False)
@@ -61,7 +63,9 @@ def _read_column(node: Node, findings: Findings) -> ColumnName:
 
 
 def _expanded(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
-    """The nodes of the columns; `tau{1..3}` becomes tau1, tau2, tau3."""
+    """The nodes of the columns in a list or single value; a pattern `tau{1..3}` becomes tau1, tau2,
+    tau3. Malformed patterns are reported, then RefusedError is raised.
+    """
     columns: list[Node] = []
     for item in read_items(node, info):
         if isinstance(item, Scalar) and ("{" in item.text or "}" in item.text):
@@ -152,7 +156,7 @@ SETS = ("train", "val", "test")
 # spans are no part of a share's value: two specs that say the same are equal
 @dataclass(frozen=True)
 class Fraction:
-    """A share of the files or rows, 0 to 1."""
+    """A share of the files or rows, from 0 to 1."""
 
     value: float
     span: Span = field(compare=False)
@@ -160,7 +164,7 @@ class Fraction:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks by their numbers, from 1."""
+    """Blocks of rows by their numbers, counted from 1."""
 
     numbers: tuple[int, ...]
     span: Span = field(compare=False)
@@ -251,12 +255,13 @@ Share: TypeAlias = Annotated[OneShare, reads(_read_share, _SHARE)]
 
 
 class Split(Entry):
-    """`by: file` and `by: fraction` take fractions, `by: block` takes numbers of blocks, `by: time`
-    ranges of time such as `[60 s, 80 s]`, or of dates, whose end is not in it.
+    """How the data are divided into the sets train, val and test.
 
-    `by: fraction` cuts each record in time: train first, then val, then test. Without `train`
-    what the others leave is its share. `by: kfold` makes `k` folds, of files where there are at
-    least so many and else of blocks of each record: fold number `fold` is val, the others train.
+    `by: file` and `by: fraction` take fractions, `by: block` takes numbers of blocks. `by: time`
+    takes ranges of time such as `[60 s, 80 s]`, or of dates, whose end is not included. `by:
+    fraction` cuts each record in time: train first, then val, then test. Without `train`, that set
+    gets what the others leave. `by: kfold` makes `k` folds, of files if there are at least `k`,
+    else of blocks of each record: fold number `fold` is val, the others train.
     """
 
     noun: ClassVar[str] = "split"
@@ -311,7 +316,9 @@ class Split(Entry):
         return self
 
     def _misfit(self, share: OneShare, before: Sequence[OneShare]) -> tuple[str, str] | None:
-        """The reason why a share does not fit those before it, and its repair."""
+        """The reason why a share does not fit the key `by:` or the shares before it, and its
+        repair; None if it fits.
+        """
         wanted = f"write for example `{_EXAMPLES[self.by]}`"
         # a share of another kind than `by:` wants fits nothing, whatever its numbers are
         match share:
@@ -412,10 +419,34 @@ _GAP = {
 GapField: TypeAlias = Annotated[float | Duration, reads(_read_gap, _GAP)]
 
 
+THOUSANDS: Mapping[str, str] = {
+    ".": ".",
+    ",": ",",
+    "'": "'\u2019",
+    "\u2019": "'\u2019",
+    **dict.fromkeys(" \u00a0\u2009\u202f", " \u00a0\u2009\u202f"),
+}
+"""Signs of thousands; each with the signs that it means: apostrophes, and blanks of any width."""
+
+
+def _read_thousands(node: Node, findings: Findings) -> Choice[str]:
+    found = scalar(node, findings, "a sign of thousands")
+    if found.text not in THOUSANDS:
+        wanted, repair = "a sign of thousands", 'write `"."`, `","`, `"\'"` or `" "`'
+        findings.report(errors.wrong_kind(wanted, f"`{found.text}`", found.span, repair))
+        raise RefusedError
+    return Choice(found.text, found.span, found.key)
+
+
+ThousandsField: TypeAlias = Annotated[
+    Choice[str], reads(_read_thousands, {"type": "string", "enum": list(THOUSANDS)})
+]
+
+
 class Csv(Entry):
     """The layout of a text file: `skip` lines, then a header if there is one, then rows.
 
-    Without `delimiter` cells are separated by commas, in `.tsv` files by tabs.
+    Without `delimiter`, commas separate the cells, in `.tsv` files tabs.
     """
 
     noun: ClassVar[str] = "csv"
@@ -424,12 +455,31 @@ class Csv(Entry):
     """Character between cells; a comma, or a tab in .tsv files."""
     decimal: Character = "."
     """Decimal point or comma."""
+    thousands: ThousandsField | None = None
+    """Sign between groups of three digits: point, comma, apostrophe or blank."""
     comment: Character | None = None
     """Lines that start with it are passed over."""
     header: Switch = True
     """Whether the first line names the columns."""
     skip: NonNegativeCount = 0
     """Lines before the header."""
+
+    @model_validator(mode="after")
+    def _has_one_meaning_of_thousands(self, info: ValidationInfo) -> "Csv":
+        if (found := self.thousands) is not None:
+            if self.decimal in THOUSANDS[found.value]:
+                other = {".": ",", ",": "."}.get(found.value, ".")
+                is_default = "decimal" not in self.model_fields_set
+                role = "the default decimal sign" if is_default else "the decimal sign"
+                repair = f'write the decimal sign of the file, such as `decimal: "{other}"`'
+                report = errors.ambiguous_thousands(found.value, role, found.span, repair)
+                findings_of(info).report(report)
+            elif self.delimiter is not None and self.delimiter in THOUSANDS[found.value]:
+                role = "separates cells"
+                repair = "name the true one of the two, or remove `thousands:`"
+                report = errors.ambiguous_thousands(found.value, role, found.span, repair)
+                findings_of(info).report(report)
+        return self
 
 
 class TimeColumn(Entry):
@@ -454,11 +504,12 @@ SECOND = parse_unit("s")
 
 
 class Layout(Entry):
-    """The layout of one set of files, or the default of all; None where it is not given.
+    """The layout of the files of one set, or the default for all sets.
 
-    `first` and `last` (written `from`, `to`) are rows from 0, times of the time column, or dates
-    where these are dates, both inclusive. `join` makes one record of files that follow each other
-    in time; `filter` keeps the rows for which a comparison of signals holds.
+    `from` and `to` are the first and the last row that are used, both included: numbers of rows
+    from 0, times of the time column, or dates if this column has dates. `join` makes one record of
+    files that follow each other in time. `filter` keeps the rows for which a comparison of signals
+    holds. A key that is not given has the default of all sets.
     """
 
     # `from` is a word of Python
@@ -495,7 +546,7 @@ class Layout(Entry):
 
 
 class Source(Layout):
-    """The files of one set; globs, relative to the spec."""
+    """The files of one set: names or globs, relative to the spec."""
 
     noun: ClassVar[str] = "a data source"
     shorthand: ClassVar[str | None] = "files"

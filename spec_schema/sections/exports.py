@@ -29,7 +29,9 @@ UnitPlatform: TypeAlias = Literal[
 
 
 class TargetEntry(Entry):
-    """The options of every target: `outputs` to keep (None: all) and inputs to `close`."""
+    """The options of every target: `outputs` are kept (by default all), the inputs in `close` are
+    fed back.
+    """
 
     # None is not (): all outputs, or none of them
     outputs: References | None = None
@@ -39,7 +41,7 @@ class TargetEntry(Entry):
 
 
 class FloatTargetEntry(TargetEntry):
-    """A target that computes in floating point of one size, its number type."""
+    """A target that computes in floating point; `dtype` is its precision."""
 
     dtype: Dtype | None = None
     """Type of the numbers."""
@@ -58,13 +60,12 @@ class OnnxExport(FloatTargetEntry):
 
 
 class CasadiExport(FloatTargetEntry):
-    """CasADi functions; names start with `prefix`, by default the name of the spec.
+    """CasADi functions; their names start with `prefix`, by default the name of the spec.
 
-    `params: inline` writes the parameters' values into the functions, otherwise they are inputs.
-    `form: sx` makes expressions of single numbers, whose derivatives cost least in models of some
-    hundred operations; `mx` keeps arrays.
-    `smooth: true` rounds off kinks that the declared ranges reach, for solvers that take second
-    derivatives.
+    `params: input` makes the parameters inputs of the functions, `inline` writes their values into
+    the functions. `form: sx` makes expressions of scalars, whose derivatives cost least for models
+    of some hundred operations; `mx` keeps arrays. `smooth: true` rounds off the kinks within the
+    declared ranges, for solvers that need second derivatives.
     """
 
     noun: ClassVar[str] = "the casadi export"
@@ -82,14 +83,20 @@ class CasadiExport(FloatTargetEntry):
 class CExport(TargetEntry):
     """C sources; names start with `prefix`, by default the name of the spec.
 
-    `params: inline` writes parameters into the code, the others give the step a pointer to them;
-    `calibration` has a variable of them with a checksum in a section of its own.
-    `ring` says how windows move, `unroll` up to how many elements loops are written out.
-    `constant_time` makes every step take the same instructions, whatever its numbers are.
-    `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
-    With the `dtype` q15 or q31 the C computes in integers. `with: jacobian` adds a function that
-    linearises a step in all that it remembers and its inputs, `with: state_jacobian` in declared
-    states instead, `with: parameter_jacobian` in parameters too. `with: ros2` adds a node of ROS 2.
+    Parameters: `params: const` makes them constants, `tunable` gives the step a pointer to them,
+    `calibration` also puts them with a checksum into a section of memory, `inline` writes them into
+    the code.
+
+    Code: `ring` is the way in which windows are stored, `unroll` the number of passes up to which
+    loops are written out. `constant_time` makes every step execute the same instructions for all
+    numbers. With the `dtype` q15 or q31 the code computes in integers.
+
+    Inputs: if the step reads samples after t of an input in `delay`, the step gets its newest
+    sample instead and its outputs are late.
+
+    Functions in `with`: `jacobian` linearises a step in its complete memory and its inputs,
+    `state_jacobian` in the declared states and the inputs. `parameter_jacobian` also linearises in
+    the parameters. `ros2` is a node of ROS 2.
     """
 
     noun: ClassVar[str] = "the c export"
@@ -121,8 +128,8 @@ class CExport(TargetEntry):
 class FmuExport(FloatTargetEntry):
     """Functional Mock-up Units; names start with `prefix`, by default the name of the spec.
 
-    `delay` makes ports of the newest samples where the step reads inputs ahead, and outputs late.
-    `platforms` are those that get a binary beside this machine's.
+    If the step reads samples after t of an input in `delay`, it gets its newest sample instead and
+    its outputs are late. `platforms` are compiled for in addition to this machine.
     """
 
     noun: ClassVar[str] = "the fmu export"
@@ -136,7 +143,7 @@ class FmuExport(FloatTargetEntry):
 
 @with_keys(TARGETS)
 class Export(Entry):
-    """The targets that `msnn export` writes; None where not asked for."""
+    """The targets that `msnn export` writes; a target without an entry is not requested."""
 
     noun: ClassVar[str] = "export"
     later: ClassVar[frozenset[str]] = frozenset({"report"})
@@ -154,7 +161,7 @@ class Export(Entry):
     # fields of targets that features bring, such as `mpc`, follow from the registry
 
     def entry(self, kind: type[OwnEntry]) -> OwnEntry | None:
-        """The entry of one target by its class; None if the spec has none."""
+        """The entry of the target whose class is `kind`; None if the spec has none."""
         return next((entry for entry in self._entries if isinstance(entry, kind)), None)
 
     @property

@@ -36,7 +36,7 @@ Share: TypeAlias = Annotated[float, number(least=0.0, below=1.0)]
 
 
 class Fir(Entry):
-    """A finite impulse response over a window; without `window` its argument is one."""
+    """A finite impulse response filter over a window; without `window` its argument must be one."""
 
     noun: ClassVar[str] = "a fir layer"
 
@@ -81,8 +81,8 @@ class Linear(Entry):
 
 
 def _refuse_two_starts(entry: Fir | Linear, info: ValidationInfo) -> None:
-    """Reports `init` together with a named parameter as `weight`, which has initial values of its
-    own.
+    """Reports `init` of an entry whose `weight` names a parameter, because that has initial values
+    of its own.
     """
     if entry.weight is not None and entry.init is not None:
         report = errors.excluded_key("init", "weight", entry.place.key, entry.noun)
@@ -112,7 +112,9 @@ EQUATION_TERMS = ("identity", "neg", "square", "add", "sub", "mul")
 
 
 class EquationLearner(Entry):
-    """A weighted sum of `functions` of learned combinations of the argument's elements."""
+    """A learned weighted sum of the `functions`, each applied to a learned linear combination of
+    the elements of its argument.
+    """
 
     noun: ClassVar[str] = "an equation_learner layer"
 
@@ -155,7 +157,7 @@ def _read_statistic(node: Node, findings: Findings) -> Expression | FromData:
 
 
 class Normalize(Entry):
-    """A value less `mean`, divided by `std`; `NAME.inverse(…)` goes back."""
+    """The argument minus `mean`, divided by `std`; `NAME.inverse(…)` computes the reverse."""
 
     noun: ClassVar[str] = "a normalize layer"
 
@@ -173,7 +175,9 @@ LARGEST_ORDER = 64
 
 
 def order(least: int) -> LeafField:
-    """Validates the order of a filter."""
+    """A field that reads the order of a filter: an integer from `least` to LARGEST_ORDER. Others
+    are reported, and raise RefusedError.
+    """
 
     def read(node: Node, findings: Findings) -> int:
         found = read_count(node, findings, least)
@@ -187,7 +191,7 @@ def order(least: int) -> LeafField:
 
 
 class Iir(Entry):
-    """A recursive filter with a numerator of order `num` and a denominator of order `den`."""
+    """A recursive (IIR) filter with a numerator of order `num` and a denominator of order `den`."""
 
     noun: ClassVar[str] = "an iir layer"
 

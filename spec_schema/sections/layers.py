@@ -20,7 +20,7 @@ Membership: TypeAlias = Literal["triangular", "rectangular", "gaussian"]
 
 @dataclass(frozen=True)
 class CustomMembership:
-    """`{function: f}`: the degree of membership is f of the distance to the centre."""
+    """`{function: f}`: the degree of membership is f of the distance of the value to the centre."""
 
     function: Located[str]
 
@@ -132,7 +132,9 @@ class Cell(OneOf):
 
 
 class LocalModel(Entry):
-    """A sum of cells, each weighted by the product of its activations."""
+    """A sum of cells, one for each combination of fuzzy sets, each weighted by the product of their
+    degrees of membership.
+    """
 
     noun: ClassVar[str] = "a local_model layer"
 
@@ -144,7 +146,7 @@ class LocalModel(Entry):
 
 @with_keys(LAYERS)
 class Layer(OneOf):
-    """A declared layer."""
+    """A declared layer; exactly one kind is given."""
 
     noun: ClassVar[str] = "a layer"
 

@@ -46,7 +46,9 @@ _Rate = Annotated[float | FromSearch, reads(_read_rate, _RATE)]
 
 
 class OptimizerOptions(Entry):
-    """The settings of an optimiser, and properties that hold for every model."""
+    """The settings of an optimiser in a spec, and properties of the class that a spec cannot
+    change.
+    """
 
     # facts of the class, not fields: a user cannot set them, and the schema for editors leaves them
     # out
@@ -147,7 +149,9 @@ _Option = Annotated[Located[OptionValue], reads(_read_option, _OPTION)]
 
 
 class TorchOptimizer(OptimizerOptions):
-    """An optimiser of `torch.optim` by the name of its class, with arguments of that class."""
+    """An optimiser of `torch.optim` by the name of its class, with `options` as arguments of that
+    class.
+    """
 
     noun: ClassVar[str] = "the torch optimizer"
     shorthand: ClassVar[str | None] = "name"
@@ -163,9 +167,9 @@ class TorchOptimizer(OptimizerOptions):
 class LevenbergMarquardt(OptimizerOptions):
     """Levenberg-Marquardt for sums of squares (Marquardt 1963), in float64.
 
-    Each epoch is one step from all starts. `damping` is that of the first step, relative to the
-    curvature in each parameter; the stage ends once a step changes the total by less than
-    `tolerance` of it.
+    Each epoch is one step computed from all rollouts. `damping` is that of the first step, relative
+    to the curvature in each parameter. The stage ends when a step changes the total loss by less
+    than the fraction `tolerance`.
     """
 
     noun: ClassVar[str] = "the levenberg_marquardt optimizer"

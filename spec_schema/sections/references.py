@@ -17,17 +17,23 @@ Reference: TypeAlias = Name | Member | Prediction | CustomMembership
 
 
 def references(value: Any) -> Iterator[Reference]:
-    """Every reference in an expression, an entry, or a section, in the order of the text."""
+    """Yields every name, member, prediction and membership function in an expression, an entry, or
+    a section, in the order of the text.
+    """
     return (part for part in _parts(value) if isinstance(part, Reference))
 
 
 def calls_in(value: Any) -> Iterator[Call]:
-    """Every call in an expression, an entry, or a section, those inside of calls too."""
+    """Yields every call in an expression, an entry, or a section, also calls within arguments of
+    calls.
+    """
     return (part for part in _parts(value) if isinstance(part, Call))
 
 
 def names_in(value: Any) -> Iterator[str]:
-    """The names that the formulas of an entry use: its bare names, bases of members, functions."""
+    """Yields the names that the formulas of an entry use: bare names, functions, and of a member
+    such as `plant.k` the name before the dot.
+    """
     for reference in references(value):
         match reference:
             case Name(name=name) | CustomMembership(function=Located(value=name)):
@@ -39,8 +45,8 @@ def names_in(value: Any) -> Iterator[str]:
 
 
 def _parts(value: Any) -> Iterator[Reference | Call]:
-    """Yields names and calls; it walks all fields of an entry, so that no new field is
-    forgotten.
+    """Yields names and calls in a value. It walks all fields of entries and expressions, so that no
+    new field is forgotten.
     """
     match value:
         case None | str() | int() | float() | Span() | Located():  # most of what there is

@@ -32,9 +32,9 @@ BetweenSamples: TypeAlias = Literal["hold", "linear"]
 
 
 class Signal(Entry):
-    """An input or a target; `unit` and `dims` are None and () where undeclared.
+    """An input or a target. Without `unit` its unit is unknown, without `dims` it is a scalar.
 
-    `on_invalid` says what a generated controller does with a sample that is NaN or out of range.
+    `on_invalid` is the reaction of a generated controller to a sample that is NaN or out of range.
     """
 
     noun: ClassVar[str] = "a signal"
@@ -64,10 +64,11 @@ def _read_over(node: Node, findings: Findings) -> Length | Literal["record"]:
 
 
 class FittedStart(Entry):
-    """An initial value that the first `over` evaluations of each run decide, by least squares.
+    """An initial value that is estimated for each run by least squares, from its first `over`
+    samples.
 
-    The values of all such states before the first step together minimise the squares of what the
-    losses compare; `from` is where the search begins.
+    The initial values of all such states together minimise the squared errors in the losses. The
+    search begins at `from`.
     """
 
     noun: ClassVar[str] = "a fitted initial value"
@@ -79,9 +80,7 @@ class FittedStart(Entry):
 
     @property
     def words(self) -> str:
-        """A text for papers instead of a formula, which would show the initial guess as the
-        value.
-        """
+        """A text for publications, such as `fitted to the first 20 samples of each run`."""
         if self.over == "record":
             return "fitted to each run"
         unit = " samples" if isinstance(self.over, Samples) else ""
@@ -89,7 +88,9 @@ class FittedStart(Entry):
 
 
 class InitialState(OneOf):
-    """The value of a state before the first step; a lone expression is `value`."""
+    """The value of a state before the first step: an expression, or `fit`. A lone expression is
+    `value`.
+    """
 
     noun: ClassVar[str] = "an initial state"
 
@@ -106,14 +107,16 @@ class InitialState(OneOf):
 
     @property
     def expression(self) -> Expression | None:
-        """The expression of the initial value; for an estimated one, that of the initial guess."""
+        """The expression of the initial value, or for an estimated one that of the initial guess;
+        None if there is none.
+        """
         return self.value if self.fit is None else self.fit.begin
 
 
 class Input(Signal):
-    """An input, which right-hand sides can read between its samples too.
+    """An input, which the model also reads between its samples if it has differential equations.
 
-    There `between: linear` is the straight line from one sample to the next, `hold` the sample.
+    `between: linear` is then the straight line from one sample to the next, `hold` the last sample.
     """
 
     noun: ClassVar[str] = "an input"
@@ -128,10 +131,11 @@ class Input(Signal):
 
 
 class State(Entry):
-    """A state: `der` is its derivative (continuous), `next` its value at t+1; at least one.
+    """A state of the model. `der` is its derivative in time (continuous), `next` its value at t+1
+    (discrete); at least one is given.
 
-    `on_range` says what becomes of a next value outside `range`: `flag` reports it, `saturate`
-    keeps the state at the end of the range in every engine, `reset` is for generated C alone.
+    `on_range` is the reaction to a next value outside `range`. `flag` reports it. `saturate` limits
+    the state to the range, in every engine. `reset`, for generated C only, sets it back to `init`.
     """
 
     noun: ClassVar[str] = "a state"
@@ -156,7 +160,9 @@ class State(Entry):
 
     @property
     def start(self) -> Expression | None:
-        """The expression of the value before the first step; None without `init`."""
+        """The expression of the value before the first step; None without `init`, or if it is
+        estimated from 0.
+        """
         # None is 0 for the compiler, and nothing to check for who looks for reads of the log
         return None if self.init is None else self.init.expression
 
@@ -180,7 +186,7 @@ class State(Entry):
 
 
 class Equation(Entry):
-    """A named expression; outside `range` its values are not plausible."""
+    """A named expression. `range` are its plausible values."""
 
     noun: ClassVar[str] = "an equation"
     shorthand: ClassVar[str | None] = "expr"
@@ -196,7 +202,7 @@ class Equation(Entry):
 
 
 class Output(Entry):
-    """A result of the model, and the sample of a logged signal that it predicts."""
+    """A result of the model; `predicts` is the logged sample that it predicts."""
 
     noun: ClassVar[str] = "an output"
     shorthand: ClassVar[str | None] = "expr"
@@ -212,7 +218,7 @@ class Output(Entry):
 
 
 class Loss(Entry):
-    """A term of the training loss and its dimensionless weight."""
+    """A term of the training loss, and its weight, which has no unit."""
 
     noun: ClassVar[str] = "a loss"
     shorthand: ClassVar[str | None] = "expr"

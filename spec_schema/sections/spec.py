@@ -30,7 +30,9 @@ class Euler(Entry):
 
 
 class SemiImplicit(Entry):
-    """Symplectic Euler, one state after the other as listed, with steps of dt/substeps."""
+    """Symplectic Euler: the states are advanced one after the other, in the order of the spec, with
+    steps of dt/substeps.
+    """
 
     noun: ClassVar[str] = "the semi_implicit integrator"
 
@@ -68,7 +70,7 @@ Method = Euler | SemiImplicit | LinearImplicit | Midpoint | RungeKutta4
 
 
 class Integrator(OneOf):
-    """The method by which continuous states go from t to t+1."""
+    """The numerical method that advances continuous states from t to t+1."""
 
     noun: ClassVar[str] = "integrator"
 
@@ -93,7 +95,8 @@ E = TypeVar("E", bound=Entry)
 
 @with_keys(SECTIONS)
 class Spec(Entry):
-    """The spec as a user wrote it, each thing with its place; the compiler says what it means.
+    """The spec as a user wrote it, each entry with its place in the file. The compiler determines
+    its meaning.
 
     `sample_time` is in seconds, None for a static model. `checks` is the section `validate`.
     """
@@ -146,7 +149,9 @@ class Spec(Entry):
     # fields of sections that features bring, such as `mpc`, follow from the registry
 
     def sections(self) -> Iterator[tuple[SectionLine, Entry]]:
-        """The sections of features that the spec has, in the order of the registry."""
+        """Yields the sections of features that the spec has, each with its line of the registry, in
+        the order of the registry.
+        """
         for line in SECTIONS:
             # a spec that was read before a plug-in was found lacks its field
             entry = getattr(self, line.key, None)

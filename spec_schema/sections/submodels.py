@@ -25,7 +25,9 @@ M = TypeVar("M")
 
 
 class SpecAround(Protocol):
-    """The spec that uses a part, with only what a part may know of it."""
+    """The spec that uses a part, reduced to the facts that a part may use: dimensions and sample
+    time.
+    """
 
     @property
     def dims(self) -> Mapping[str, Dimension]: ...
@@ -73,18 +75,16 @@ AnyPartKind: TypeAlias = PartKind[Any, Any]
 
 
 def part_kind(line: PartLine) -> AnyPartKind:
-    """The kind of part that a line of the registry names; its module is imported when a spec needs
-    it.
-    """
+    """The kind of part in a line of the registry; its module is imported at the first use."""
     kind: AnyPartKind = line.kind.value
     return kind
 
 
 @dataclass(frozen=True)
 class Freeze:
-    """`all`, `none`, `gain` or `[gain, rod.*]`: the constant parameters of a sub-model.
+    """`all`, `none`, `gain` or `[gain, rod.*]`: the parameters of a sub-model that are constants.
 
-    Patterns are of names as its own file has them.
+    Patterns match the names in the sub-model's own file.
     """
 
     patterns: tuple[Located[str], ...] = ()
@@ -118,11 +118,13 @@ def _pattern(node: Node, findings: Findings) -> Located[str]:
 
 @with_keys(PARTS, after="spec")
 class Use(Entry):
-    """Another spec as a part of this one; its members have the name of the part before theirs.
+    """Another spec as a sub-model of this one; its names are used here with that of the sub-model
+    first: `plant.mass`.
 
-    `weights` are what a training of that spec wrote, its initial values without them. `freeze`
-    makes parameters constants of this model: `all`, `none` or patterns of their names. In place of
-    a spec it can be a robot, whose dynamics are called as `NAME.forward_dynamics(q, dq, tau)`.
+    `weights` is the file that a training of the sub-model wrote; without it, its initial values are
+    used. `freeze` makes its parameters constants of this model: `all`, `none` or patterns of their
+    names. Instead of a spec it can be a robot, whose dynamics are called as
+    `NAME.forward_dynamics(q, dq, tau)`.
     """
 
     noun: ClassVar[str] = "a sub-model"
@@ -139,7 +141,7 @@ class Use(Entry):
 
     @property
     def file(self) -> Located[str]:
-        """The file that is used: a spec, or the file of another kind of part."""
+        """The file that is used, with its place: a spec, or the file of another kind of part."""
         if self.part is None:
             assert self.spec is not None
             return self.spec
@@ -173,7 +175,7 @@ class Use(Entry):
 
 
 class Connection(Entry):
-    """An expression that is the value of a sub-model's input; `history` is its past before the
+    """An expression that is the value of a sub-model's input; `history` are the values before the
     start.
     """
 
@@ -188,8 +190,8 @@ class Connection(Entry):
 
 
 def _read_inputs(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
-    """The mapping `connect` with its keys checked: they are inputs of sub-models, with a dot in the
-    name.
+    """The entries of `connect` by key. A key that is not an input of a sub-model, with a dot in the
+    name, is reported and left out.
     """
     table = read_table(node, info)
     admitted: dict[str, Node] = {}

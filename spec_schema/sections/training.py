@@ -50,7 +50,9 @@ _Factor = Annotated[float, number(above=0.0, most=1.0)]
 
 
 class Cosine(Entry):
-    """Half a cosine from the whole rate down to `to` times the rate after the last epoch."""
+    """The learning rate follows half a cosine, from its full value down to `to` times that after
+    the last epoch.
+    """
 
     noun: ClassVar[str] = "the cosine schedule"
 
@@ -59,7 +61,7 @@ class Cosine(Entry):
 
 
 class Exponential(Entry):
-    """The rate times `factor` after each epoch."""
+    """The learning rate is multiplied by `factor` after each epoch."""
 
     noun: ClassVar[str] = "the exponential schedule"
 
@@ -68,7 +70,7 @@ class Exponential(Entry):
 
 
 class Step(Entry):
-    """The rate times `factor` after each `every` epochs."""
+    """The learning rate is multiplied by `factor` after every `every` epochs."""
 
     noun: ClassVar[str] = "the step schedule"
 
@@ -79,8 +81,8 @@ class Step(Entry):
 
 
 class Plateau(Entry):
-    """The rate times `factor` after `patience` epochs without a better monitor, but not below
-    `min` times the rate.
+    """The learning rate is multiplied by `factor` after `patience` epochs without a better monitor,
+    but never below `min` times its initial value.
     """
 
     noun: ClassVar[str] = "the plateau schedule"
@@ -95,7 +97,7 @@ class Plateau(Entry):
 
 
 class Schedule(OneOf):
-    """Lowers the learning rate of a stage, epoch by epoch."""
+    """The rule by which the learning rate of a stage decreases, epoch by epoch."""
 
     noun: ClassVar[str] = "schedule"
 
@@ -118,7 +120,9 @@ class Schedule(OneOf):
 
 @dataclass(frozen=True)
 class Lesson:
-    """A step of a curriculum: until the end of epoch `until`, rollouts have `horizon`."""
+    """A step of a curriculum: up to the end of epoch `until`, rollouts have the length
+    `horizon`.
+    """
 
     until: int
     horizon: Length
@@ -127,7 +131,7 @@ class Lesson:
 
 @dataclass(frozen=True)
 class Curriculum:
-    """`{epoch: horizon, …}`: the horizons of rollouts until these epochs, in the order of
+    """`{epoch: horizon, …}`: the lengths of rollouts up to the end of these epochs, in the order of
     the spec.
     """
 
@@ -193,10 +197,12 @@ def _read_horizon(node: Node, findings: Findings) -> Length | Whole:
 
 
 class Rollout(Entry):
-    """A run over `horizon` evaluations; the inputs in `close` are fed back, () means all that can.
+    """A simulation of `horizon` steps in which the inputs in `close` are fed back, by default all
+    that an output predicts.
 
-    Scores count from evaluation `skip` on. `stride` is the distance of starts; None is the default
-    of the section. `curriculum: {epoch: horizon}` trains on shorter rollouts up to those epochs.
+    Only steps from `skip` on are scored. `stride` is the distance between the start rows of two
+    rollouts; its default depends on the section. `curriculum: {epoch: horizon}` trains on shorter
+    rollouts up to these epochs.
     """
 
     noun: ClassVar[str] = "rollout"
@@ -227,7 +233,9 @@ class Rollout(Entry):
 
 
 class EarlyStop(Entry):
-    """Ends a stage after `patience` epochs without a better `monitor` (default: total loss)."""
+    """Ends a stage after `patience` epochs without a better value of the loss `monitor`, by default
+    the total.
+    """
 
     noun: ClassVar[str] = "early_stop"
 
@@ -306,10 +314,10 @@ _ELSEWHERE = {"mse": "rmse", "max": "max_abs", "vaf": "r2", "nrmse": "fit", "bic
 
 
 class Validation(Entry):
-    """A metric of an output or loss; `max` and `min` are its limits.
+    """A metric of an output or a loss; `max` and `min` are its limits.
 
-    It is measured over a set of the data, `data`, or over `files` of its own, for which the
-    defaults of `data:` hold.
+    It is measured on the set `data` of the data, or on other `files`, which have the layout of the
+    section `data` by default.
     """
 
     noun: ClassVar[str] = "a validate entry"

@@ -44,7 +44,9 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Positions, Scalar, Table
 
 @dataclass(frozen=True)
 class Dimension:
-    """A dimension's size, and the labels of its positions; () where only the size is given."""
+    """The size of a dimension, and the labels of its elements; no labels if only the
+    size is given.
+    """
 
     size: int
     labels: tuple[str, ...]
@@ -109,7 +111,9 @@ class UniformInitializer(Entry):
 
 
 class ExpInitializer(Entry):
-    """`first` · e^(−`rate` · x): falls off along an axis, x = 0 … 1 from first to last."""
+    """`first` · e^(−`rate` · x): decreases along an axis, with x from 0 at its first element to 1
+    at its last.
+    """
 
     noun: ClassVar[str] = "an exp initialiser"
 
@@ -122,7 +126,9 @@ class ExpInitializer(Entry):
 
 
 class NegexpInitializer(Entry):
-    """`last` · e^(−`rate` · (1 − x)): grows along an axis, as the weights of newer samples do."""
+    """`last` · e^(−`rate` · (1 − x)): increases along an axis, with x from 0 at its first element
+    to 1 at its last, as the weights of newer samples do.
+    """
 
     noun: ClassVar[str] = "a negexp initialiser"
 
@@ -159,7 +165,7 @@ InitialValue: TypeAlias = (
 class Initializer(OneOf):
     """The initial values of an array; a lone expression is `value`.
 
-    The expression may use the indices `i`, `j`, … of the array's axes and the length `n` of the
+    The expression may use the indices `i`, `j`, … of the array's axes, and the length `n` of the
     last one.
     """
 
@@ -183,7 +189,7 @@ class Initializer(OneOf):
 
     @property
     def choice(self) -> InitialValue:
-        """The settings of the chosen form."""
+        """The settings of the form that is given; a text is the name of a file."""
         # `OneOf` has seen to it that exactly one is given, so the order of these does not matter
         random = self.normal or self.uniform
         given = self.value or random or self.exp or self.negexp or self.lin or self.file
@@ -192,9 +198,7 @@ class Initializer(OneOf):
 
 
 class Constant(Entry):
-    """A number or array of the model that no training changes; it is computed when the spec is
-    compiled.
-    """
+    """A number or array that no training changes; it is computed when the spec is compiled."""
 
     noun: ClassVar[str] = "a constant"
     shorthand: ClassVar[str | None] = "value"
@@ -214,7 +218,7 @@ class Constant(Entry):
 
 
 class Prior(Entry):
-    """A normal distribution of a parameter's elements, known before there are data."""
+    """The normal distribution of a parameter's elements that is assumed before there are data."""
 
     noun: ClassVar[str] = "a prior"
 
@@ -290,7 +294,9 @@ class Parameter(Entry):
 
 
 def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
-    """`{init: 5 N/m}` as `{init: 5, unit: N/m}`, and `{init: 300 K, unit: degC}` in degC."""
+    """The entry with a quantity split into number and unit: `{init: 5 N/m}` becomes `{init: 5,
+    unit: N/m}`, and `{init: 300 K, unit: degC}` a number in degC. `key` is the key of the quantity.
+    """
     value = node.entries.get(key) if isinstance(node, Table) else None
     parts = split_quantity(value) if isinstance(value, Scalar) else None
     # what is no entry or no quantity is reported where its field reads it
@@ -309,7 +315,9 @@ def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
 
 
 def _converted_amount(amount: Scalar, unit: Scalar, declared: Scalar, findings: Findings) -> Scalar:
-    """A number with a unit in the unit that its entry declares."""
+    """The number `amount` in `unit`, converted to the `declared` unit. Units that do not convert
+    are reported; the number is then unchanged.
+    """
     try:
         wanted = parse_unit(declared.text)
     except UnitError:
@@ -337,7 +345,7 @@ Arguments: TypeAlias = DifferentOf[NewName]
 
 
 class Function(Entry):
-    """A named formula, inlined where it is called."""
+    """A named formula; the compiler inserts it at each call."""
 
     noun: ClassVar[str] = "a function"
 

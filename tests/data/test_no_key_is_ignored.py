@@ -162,6 +162,7 @@ CASES: dict[str, Case] = {
     "TimeColumn.unit": Case("time: {column: time, unit: ms}\n"),
     "Csv.delimiter": Case('csv: {delimiter: ";"}\n'),
     "Csv.decimal": Case('csv: {decimal: ","}\n'),
+    "Csv.thousands": Case('csv: {thousands: ","}\n'),
     "Csv.comment": Case("csv: {comment: t}\n"),
     "Csv.header": Case("csv: {header: false}\n"),
     "Csv.skip": Case("csv: {skip: 1}\n"),

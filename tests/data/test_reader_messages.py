@@ -32,7 +32,9 @@ REQUEST = ReadRequest(
         moments=frozenset({"t"}),
         time=TimeSource("t", PLACE, Located(parse_unit("1/min"), PLACE, None)),
     ),
-    dialect=Dialect(delimiter=";", is_usual=True, decimal=",", comment="#", header=False, skip=2),
+    dialect=Dialect(
+        delimiter=";", is_usual=True, decimal=",", thousands=".", comment="#", header=False, skip=2
+    ),
     memory=1 << 40,
     seconds=20,
 )

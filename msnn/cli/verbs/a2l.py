@@ -44,8 +44,8 @@ def a2l(
 ) -> None:
     """Write the addresses of a program into the file for calibration tools.
 
-    Variables are found by their types; where several have one type, an option says which:
-    `controller`, or `vehicle.controller` for a member of a struct. Exit code 1 when the program
+    Variables are found by their types. If several have the same type, an option names the right
+    one: `controller`, or `vehicle.controller` for a member of a struct. Exit code 1 if the program
     does not have the structs of the export.
     """
     from backends.files.atomic_write import write_text

@@ -44,10 +44,10 @@ def check(
         typer.Option(help="How diagnostics are printed.", callback=tell_messages),
     ] = OutputFormat.FULL,
 ) -> None:
-    """Say what is wrong with specs.
+    """Check specs, and report what is wrong.
 
-    Names, shapes, units and time of the model; then whether data, train, validate and export fit
-    it. Reads no data without `--data`.
+    Names, shapes, units and time of the model; then whether the sections data, train, validate and
+    export fit it. Reads no data without `--data`.
     """
     from msnn.cli.console import json_result, report, result, spare_files_of
     from msnn.cli.spec_files import spec_files, text_of

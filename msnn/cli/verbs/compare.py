@@ -46,10 +46,11 @@ def compare(
 ) -> None:
     """Train several models, and rank them.
 
-    Specs, or one with a grid over any of its values, are trained and measured alike on rows that
-    none has seen: a validation set, or folds. One table with accuracy, information criteria, size,
-    time, and what a step of the C costs; the Pareto front is marked. `runs.jsonl` has every
-    training: one that is there is not repeated, and an interrupted comparison goes on.
+    Specs, or one spec with a grid over any of its values, are trained and measured on the same
+    rows, which no training has seen: a validation set, or folds. The table has accuracy,
+    information criteria, size, time, and the cost of a step of the C code; the Pareto front is
+    marked. `runs.jsonl` logs every training: a logged one is not repeated, and an interrupted
+    comparison continues.
     """
     from msnn.api import comparisons
     from msnn.cli.comparison_results import show_comparison, trials_shown

@@ -29,7 +29,7 @@ def compile_(
 ) -> None:
     """Write the compiled program.
 
-    To build/NAME.program.json, which every other verb takes instead of the spec.
+    Writes build/NAME.program.json, which every other command accepts instead of the spec.
     """
     from msnn.cli.console import report_model, result
     from msnn.model.load import load_model

@@ -29,11 +29,11 @@ def data(
     ] = None,
     plot: PlotFile = None,
 ) -> None:
-    """Look at the data of a spec.
+    """Check the data of a spec.
 
-    Of files: steps of time, gaps. Of columns: missing values, spikes, limits, rounding, units. Of
-    the system: delays and impulse responses with a band, time constants, what the inputs excite,
-    feedback. What is found is a warning that names the key to write.
+    Files: time steps, gaps. Columns: missing values, spikes, limits, rounding, units. System:
+    delays and impulse responses with a confidence band, time constants, excitation by the inputs,
+    feedback. Each finding is a warning that names the key to write.
     """
     from msnn.cli.console import json_text, note, report, report_model, result
     from msnn.features.data_check.check import check_data

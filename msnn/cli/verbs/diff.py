@@ -47,13 +47,13 @@ def diff(
     summary: SummaryFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Say what changed between two models, or from one run to another.
+    """Compare two models, or two runs.
 
-    Entry by entry, with shorthands written out: interface, units, parameters, equations, states,
-    losses, stages; then what of the interface breaks those who use the model. Of two runs also
-    their metrics, each measured by its own spec, and learned numbers. `--set` replaces a value of
-    both; with SPEC twice, `--set-new` shows what a setting changes. Exit code 1 when something of
-    `--fail-on` is found, 3 when that is only a metric.
+    Compares entry by entry, with shorthands written out: interface, units, parameters, equations,
+    states, losses, stages. Then lists the changes of the interface that break users of the model.
+    Two runs are also compared by their metrics, each measured by its own spec, and by their learned
+    numbers. `--set` replaces a value of both; with SPEC twice, `--set-new` shows what a setting
+    changes. Exit code 1 if a change of `--fail-on` is found, 3 if that is only a metric.
     """
     from msnn.api.changes import changes
     from msnn.cli.console import (

@@ -24,10 +24,11 @@ def doctor(
     ] = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Say what is installed.
+    """Show what is installed.
 
-    Versions, the C compiler, optional packages; what is missing with the line that installs it. All
-    of it is optional but what comes with msnn. Where compiled kernels are kept and how many.
+    Versions, the C compiler, optional packages; for a missing part the line that installs it. Only
+    the parts that come with msnn are required. Also shows where compiled kernels are stored and how
+    many.
     """
     from backends.native.kernel_cache import CacheLimits
     from msnn.cli.console import json_result, note, report, result

@@ -15,9 +15,10 @@ def explain(
     ] = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Say what a diagnostic code means.
+    """Explain a diagnostic code.
 
-    Why it is said, a spec that gets it, and the same spec repaired. Without a code: a list of all.
+    Prints its meaning, its reason, a spec that causes it, and the same spec repaired. Without a
+    code: a list of all.
     """
     from msnn.cli.console import json_result, result
     from msnn.errors.commands import unknown_code

@@ -64,8 +64,8 @@ def export(
 ) -> None:
     """Write C, FMU, controllers, ONNX, CasADi and torch.
 
-    Each target into a folder of its own, as the spec's `export` section says. With --check exit
-    code 3 when one of them computes something else than the interpreter.
+    Each target is written to a folder of its own, as the spec's `export` section says. With
+    --check, exit code 3 if one of them computes other values than the interpreter.
     """
     from msnn.cli.console import json_result, note, report, report_model, result
     from msnn.exports.describe import left_out

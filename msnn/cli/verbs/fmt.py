@@ -32,10 +32,11 @@ def fmt(
         ),
     ] = None,
 ) -> None:
-    """Lay specs out canonically.
+    """Format specs.
 
-    Sections in the order of the grammar, blank lines between them, quotes around what YAML would
-    misread. Comments and all else stay as written. A spec with errors is left alone.
+    Puts sections in the order of the grammar, blank lines between them, and quotes around texts
+    that YAML would misread. Comments and everything else stay as written. A spec with errors is not
+    changed.
     """
     from backends.files.atomic_write import write_text
     from msnn.cli.console import note, report, result

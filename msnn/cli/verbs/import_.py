@@ -25,11 +25,11 @@ def import_(
     ] = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Make a spec of a model of nnodely 1.x.
+    """Convert a model of nnodely 1.x to a spec.
 
-    The spec is readable, and predicts what nnodely predicts; the weights lie beside it. Functions
-    in Python are translated from their source or refused with the line: nothing of the file is
-    run. Nothing that exists is overwritten.
+    The spec is readable, and predicts the same values as nnodely; the weights are written beside
+    it. Functions in Python are translated from their source, or refused with the line: no code of
+    the file is run. Existing files are not overwritten.
     """
     from msnn.api.models import import_nnodely
     from msnn.cli.console import json_result, report, result

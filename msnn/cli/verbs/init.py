@@ -27,12 +27,12 @@ def init(
         ),
     ] = None,
 ) -> None:
-    """Make a project that works.
+    """Create a project that works.
 
-    A folder with a spec, the JSON Schema that helps editors with it, a little simulated data and a
-    README that shows the next steps. With --data the spec is a linear model of the columns of
-    files, with their units, ranges, delays and sample time, which begins at its least-squares fit.
-    Nothing that exists is overwritten.
+    A folder with a spec, the JSON Schema that helps editors with it, some simulated data and a
+    README with the next steps. With --data the spec is a linear model of the columns of files, with
+    their units, ranges, delays and sample time, and starts at its least-squares fit. Existing files
+    are not overwritten.
     """
     from msnn.cli.console import note, result
     from msnn.features.data_check.first_spec.new_spec import TargetNotNamedError, new_project_from

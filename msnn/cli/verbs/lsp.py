@@ -4,10 +4,10 @@ from __future__ import annotations
 
 
 def lsp() -> None:
-    """Answer an editor while one types.
+    """Serve an editor (Language Server Protocol).
 
-    Diagnostics of `msnn check`, hover, definitions, completion and repairs, by the Language Server
-    Protocol over standard input and output. An editor starts it; needs the extra `lsp`.
+    Diagnostics of `msnn check`, hover, definitions, completion and repairs while you type, over
+    standard input and output. An editor starts it; needs the extra `lsp`.
     """
     from msnn.packages import PYGLS
 

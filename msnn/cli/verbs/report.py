@@ -33,9 +33,9 @@ def report(
 ) -> None:
     """Write a run as one HTML page.
 
-    Records measured and simulated, errors, parameters with standard errors, learned functions,
-    architecture and equations, data, training, the C; and the model itself, which runs in the page
-    where the extra `zig` is installed. The page is one file and asks no network for anything.
+    Measured and simulated records, errors, parameters with standard errors, learned functions,
+    architecture and equations, data, training and C code. The model itself runs in the page if the
+    extra `zig` is installed. The page is one file and loads nothing from the network.
     """
     from msnn.api import reports
     from msnn.cli import console

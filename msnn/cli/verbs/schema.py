@@ -16,8 +16,8 @@ def schema(
 ) -> None:
     """Write the JSON Schema of specs.
 
-    With it an editor completes keys, shows what they are for, and marks mistakes while one types.
-    A spec names it in its first line: # yaml-language-server: $schema=./msnn.schema.json
+    With it an editor completes keys, shows what they are for, and marks mistakes while you type. A
+    spec names it in its first line: # yaml-language-server: $schema=./msnn.schema.json
     """
     from msnn.cli.console import note, report, result
     from spec_schema.editors.json_schema import json_schema_text

@@ -44,12 +44,12 @@ def show(
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Print interface and parameters, another view of a model, or what a run has reached.
+    """Show a model, or the results of a run.
 
-    Of a model: inputs with unit and window, outputs, states, parameters, dimensions, losses. Of the
+    A model: inputs with unit and window, outputs, states, parameters, dimensions, losses. The
     folder of a run: stages with their losses, learned parameters with standard errors, warnings,
-    how to go on; --plot draws the losses and learned functions. With one of the views it is that of
-    the model it kept.
+    and how to continue; --plot draws the losses and learned functions. With one of the views, a run
+    shows that view of its model.
     """
     from msnn.cli.console import json_result, report_model, result
     from msnn.model.load import load_model

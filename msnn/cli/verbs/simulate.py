@@ -73,11 +73,11 @@ def simulate(
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Run the model freely over records.
+    """Simulate a model over recorded data.
 
-    Every input that an output predicts is fed back, the others are read from the record. Writes a
-    row a step: file, set, row and time as the log has them, outputs, and beside them what was
-    measured and the ends of intervals.
+    Every input that an output predicts is fed back, the others are read from the record. Writes one
+    row per step: file, set, row and time as in the log, outputs, and beside them the measured
+    values and the ends of prediction intervals.
     """
     from msnn.api import measurements
     from msnn.cli.console import (

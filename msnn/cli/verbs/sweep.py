@@ -76,11 +76,12 @@ def sweep(
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
-    """Train a spec with many values of it.
+    """Train a spec with many values of its keys.
 
-    Values of a grid, drawn at random, or both: any that `--set` replaces, by seeds and folds. The
-    table, the Pareto front and the log are those of `msnn compare`: what `runs.jsonl` has is not
-    trained again, so an interrupted sweep goes on and a larger one trains what is new.
+    Values are those of a grid, drawn at random, or both, for any key that `--set` can replace, by
+    seeds and folds. The table, the Pareto front and the log are those of `msnn compare`: a training
+    in `runs.jsonl` is not repeated, so an interrupted sweep continues and a larger one only trains
+    the new values.
     """
     from msnn.api import comparisons
     from msnn.cli.comparison_results import show_comparison, trials_shown

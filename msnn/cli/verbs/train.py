@@ -57,9 +57,9 @@ def train(
 ) -> None:
     """Train the parameters on data.
 
-    Stage after stage, each from the best weights of the one before. Weights, metrics and the spec
-    are kept in a folder of their own; a training that was interrupted or killed can go on. With
-    --folds a training a fold, each in a folder of its own; `latest` leads to the best. Under
+    Each stage starts from the best weights of the previous one. Weights, metrics and the spec are
+    saved in a folder per training; an interrupted or killed training can continue. With --folds
+    there is one training per fold, each in a folder of its own; `latest` leads to the best. Under
     torchrun its processes share every batch: `torchrun --nproc-per-node 2 -m msnn train SPEC`.
     """
     from msnn.cli.ranks import joined_ranks
@@ -216,7 +216,9 @@ def _resume_command(
     folds: bool,
     tensorboard: bool,
 ) -> str:
-    """The shell command that continues this training."""
+    """The shell command that continues the training with these options; options with default values
+    are left out.
+    """
     words = ["msnn", "train", str(spec), "--resume"]
     words += [] if data_root is None else ["--data-root", str(data_root)]
     words += [word for setting in settings or () for word in ("--set", setting)]

@@ -51,9 +51,9 @@ def validate(
 ) -> None:
     """Measure the trained model.
 
-    What the spec's `validate` section asks for, by default on the set `test`: its metrics with
-    their limits, every metric of the same outputs, and how errors grow along rollouts. Exit code 3
-    when a limit is broken.
+    Measures the entries of the spec's `validate` section, by default on the set `test`: its metrics
+    with their limits, every metric of the same outputs, and the growth of errors along rollouts.
+    Exit code 3 if a limit is broken.
     """
     from msnn.api import measurements
     from msnn.cli.console import (

@@ -60,11 +60,11 @@ def verify(
 ) -> None:
     """Verify exported C.
 
-    Strict builds, golden vectors of the interpreter to the bit and what of the code they reach,
-    sanitizers; on boards in QEMU also instructions, memory and stack of a step, on a real one
-    cycles. Of a controller and its filter golden solves, and calls with drawn numbers, NaN among
-    them. Exit code 1 when anything was found, 5 when a tool is missing or did not end: what needs
-    no missing tool is checked all the same.
+    Strict builds, golden vectors of the interpreter to the bit and the code that they cover,
+    sanitizers. Boards in QEMU also measure instructions, memory and stack of a step, a real one
+    cycles. A controller and its filter are checked by golden solves, and by calls with random
+    numbers and NaN. Exit code 1 if anything is found, 5 if a tool is missing or did not end; the
+    other checks still run.
     """
     from backends.files.atomic_write import write_text
     from msnn.cli.console import json_result, note, result

@@ -83,7 +83,7 @@ TEXT = FileFormat(
     suffixes=(".csv", ".txt", ".tsv", ".dat"),
     module="msnn.data.formats.text.csv_file",
     is_text=True,
-    text_keys=("delimiter", "decimal", "comment", "header", "skip"),
+    text_keys=("delimiter", "decimal", "thousands", "comment", "header", "skip"),
 )
 
 FORMATS = (

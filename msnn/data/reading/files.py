@@ -230,7 +230,7 @@ def _of_text(scope: Layout, files: Sequence[DataFile]) -> Iterator[Diagnostic]:
     if scope.csv is None or not files:
         return
     read = {key for file in files for key in file.format.text_keys}
-    for key in ("delimiter", "decimal", "comment", "header", "skip"):
+    for key in ("delimiter", "decimal", "thousands", "comment", "header", "skip"):
         if key in scope.csv.model_fields_set - read:
             reason = f"{files[0].shown} is a file of {files[0].format.name}"
             yield unused_key(f"csv: {{{key}}}", reason, scope.csv.place.value)

@@ -319,6 +319,7 @@ def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:
         delimiter=csv.delimiter or plain,
         is_usual=csv.delimiter is None,
         decimal=csv.decimal,
+        thousands=None if csv.thousands is None else csv.thousands.value,
         comment=csv.comment,
         header=csv.header,
         skip=csv.skip,

@@ -1,4 +1,4 @@
-"""E0508-E0512, E0806-E0822, E0878, E0979-E1319, W0511, W0831, W0835: cells, dates and units."""
+"""E0508-E0512, E0806-E0822, E0878-E1319, W0511, W0831, W0835: cells, dates and units."""
 
 import re
 from collections.abc import Sequence
@@ -35,26 +35,63 @@ def ragged_row(
     return error("E0806", place, message, f"{found} cells", notes=notes, help=repair)
 
 
-def not_a_number(file: str, row: int, column: str, text: str, more: int, place: Span) -> Diagnostic:
+def not_a_number(
+    file: str,
+    row: int,
+    column: str,
+    text: str,
+    more: int,
+    place: Span,
+    *,
+    delimiter: str | None,
+    decimal: str,
+) -> Diagnostic:
     """E0807: text in a cell that must be a number."""
     message = f"`{text}` in column `{column}` is not a number (row {row} of {file})"
     notes = and_more(more, "cell")
-    return error(
-        "E0807", place, message, "not a number", notes=notes, help=_repair_of(text, column)
+    repair = _repair_of(text, column, delimiter, decimal)
+    return error("E0807", place, message, "not a number", notes=notes, help=repair)
+
+
+def wrong_groups(
+    file: str,
+    row: int,
+    column: str,
+    text: str,
+    more: int,
+    place: Span,
+    *,
+    thousands: str,
+    decimal: str,
+) -> Diagnostic:
+    """E0891: a cell whose signs of thousands do not part groups of three digits."""
+    message = (
+        f"`{text}` in column `{column}` is no number whose signs of thousands part groups of three "
+        f"digits (row {row} of {file})"
     )
+    repair = "write the number without signs of thousands"
+    if thousands in ".,":
+        key = f'write `decimal: "{thousands}"` and remove `thousands:`'
+        repair += f"; if `{thousands}` is the decimal sign of the file, {key}"
+    label = f"1234.5 is `1{thousands}234{decimal}5` here"
+    return error("E0891", place, message, label, notes=and_more(more, "cell"), help=repair)
 
 
 def decimal_comma(
-    file: str, row: int, column: str, text: str, more: int, place: Span, *, delimiter: str
+    file: str, row: int, column: str, text: str, more: int, place: Span, *, delimiter: str | None
 ) -> Diagnostic:
     """E0808: a number with a decimal comma instead of a decimal point."""
-    own = "" if delimiter == "," else 'delimiter: ";", '
     message = f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})"
     meant, *others = with_point_or_joined(text)
     label = "write " + " or ".join(f"`{number}`" for number in (meant, *others))
-    repair = f'a file with decimal commas needs `csv: {{{own}decimal: ","}}` under `data:`'
+    if delimiter is None:
+        repair = f"the cell has a text: write the number {' or '.join((meant, *others))} into it"
+        notes = and_more(more, "cell")
+        return error("E0808", place, message, label, notes=notes, help=repair)
+    repair = f"a file with decimal commas needs `{_csv_key(delimiter, decimal=',')}` under `data:`"
     if others:
-        repair = f"where the comma parts thousands write `{meant}`; {repair}"
+        key = "" if delimiter == "," else f", or `{_csv_key(delimiter, thousands=',')}` for all"
+        repair = f"where the comma parts thousands write `{meant}`{key}; {repair}"
     return error("E0808", place, message, label, notes=and_more(more, "cell"), help=repair)
 
 
@@ -107,14 +144,21 @@ def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
     return error("E0822", place, message, "opened here", notes=and_more(more, "row"))
 
 
-def _repair_of(text: str, column: str) -> str | None:
+def _csv_key(delimiter: str, **signs: str) -> str:
+    """The entry `csv:` for a file with these signs; the delimiter unless it is a comma."""
+    own = {} if delimiter == "," else {"delimiter": delimiter.replace("\t", "\\t")}
+    entries = [f'{key}: "{sign}"' for key, sign in (own | signs).items()]
+    return f"csv: {{{', '.join(entries)}}}"
+
+
+def _repair_of(text: str, column: str, delimiter: str | None, decimal: str) -> str | None:
     """The repair of a text that people often have in a table."""
     if text == column:
         return "remove this line: a second header, as where two logs were joined"
     if text.upper() in _TRUTHS:
         return f"write `{_TRUTHS[text.upper()]}`: 1 for true, 0 for false"
-    if (thousands := text.replace("'", "")) != text and _NUMBER.fullmatch(thousands):
-        return f"write the number without apostrophes: `{thousands}`"
+    if (found := _GROUPED.fullmatch(text)) is not None:
+        return _repair_of_groups(found, delimiter, decimal)
     if united := _WITH_UNIT.fullmatch(text):
         number, unit = united.groups()
         if unit.rstrip("+-").lower() == "e":
@@ -122,10 +166,6 @@ def _repair_of(text: str, column: str) -> str | None:
         return f"write `{number}` and the unit in the header: `{column} [{unit}]`"
     if (plain := _plain_number(text)) is not None:
         return f"write it as `{plain}`"
-    if _POINTS_AND_COMMA.fullmatch(text):
-        whole = text.replace(".", "")
-        point = whole.replace(",", ".")
-        return f'write it as `{point}`, or as `{whole}` with `csv: {{decimal: ","}}` under `data:`'
     if _ISO_DATE.match(text) and read_moment(text) is None:
         return "dates reach from 1823 to 2116: leave rows out whose clock was not set"
     if _DATE.match(text):
@@ -137,27 +177,46 @@ def _repair_of(text: str, column: str) -> str | None:
         )
     if text.startswith("="):
         return "a formula has no value yet: open the file in a spreadsheet program and save it"
-    if _NUMBER.fullmatch(text):
-        whole, point = text.replace(".", ""), text.replace(".", ",", 1)
-        return f"beside decimal commas a point may part thousands: write `{whole}` or `{point}`"
-    joined = _BLANKS.sub("", text)
+    joined = _SIGNS_BESIDE_POINTS.sub("", text)
     if joined != text and _NUMBER.fullmatch(joined):
-        return f"write the number without blanks: `{joined}`"
+        return f"write the number without blanks or apostrophes: `{joined}`"
     return None
 
 
+def _repair_of_groups(found: re.Match[str], delimiter: str | None, usual: str) -> str:
+    """The repair of a number with groups of three digits: without its signs, or by a key."""
+    text, sign = found[0], found["sign"]
+    digits = text.replace(sign, "")
+    # a point or comma between thousands leaves the other one for decimals
+    decimal = found["decimal"] or {".": ",", ",": "."}.get(sign, usual)
+    plain = digits.replace(decimal, ".")
+    if delimiter is None:
+        return f"the cell has a text: write the number {plain} into it"
+    signs = {} if decimal == "." else {"decimal": decimal}
+    signs["thousands"] = " " if sign.isspace() else sign
+    key = f"`{_csv_key(delimiter, **signs)}` under `data:`"
+    # blanks of any width separate cells where one does
+    is_delimiter = sign == delimiter or (delimiter == " " and sign.isspace())
+    if sign == "." and text.count(".") == 1 and "," not in text:
+        meant = f"`{plain}` or `{text.replace('.', ',')}`"
+        return f"beside decimal commas a point may part thousands: write {meant}, or {key} for all"
+    return f"write it as `{plain}`" + ("" if is_delimiter else f", or {key}")
+
+
 def _plain_number(text: str) -> str | None:
-    """The number that another notation means: `1,234.5`, `0x1F`, `1.5D+01`, `−5`."""
-    if _THOUSANDS.fullmatch(text):
-        return text.replace(",", "")
+    """The number that another notation means: `0x1F`, `1.5D+01`, `−5`."""
     if _HEXADECIMAL.fullmatch(text):
         return str(int(text, 16))
     plain = text.replace("\u2212", "-").replace("D", "E").replace("d", "e")
     return plain if plain != text and _NUMBER.fullmatch(plain) else None
 
 
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+([.]\d*)?")
-_POINTS_AND_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d*")
+_GROUPED = re.compile(
+    r"[+-]?[1-9]\d{0,2}(?P<sign>[.,'\u2019 \u00a0\u2009\u202f])\d{3}(?:(?P=sign)\d{3})*"
+    r"(?:(?!(?P=sign))(?P<decimal>[.,])\d*)?(?:[eE][+-]?\d+)?",
+    re.ASCII,
+)
+"""A number with groups of three digits, such as `1.234,5` or `1 234 567`."""
 _HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,16}")
 _ISO_DATE = re.compile(r"\d{4}-\d\d-\d\d")
 _DATE = re.compile(
@@ -168,7 +227,7 @@ _NOT_MEASURED = frozenset(
 )
 _TRUTHS = {"TRUE": "1", "ON": "1", "YES": "1", "FALSE": "0", "OFF": "0", "NO": "0"}
 _WITH_UNIT = re.compile(r"([+-]?\d+(?:[.]\d*)?(?:[eE][+-]?\d+)?)\s*([A-Za-zµμΩ°%][^\s\d]*)")
-_BLANKS = re.compile(r"[\s\u00a0\u2009\u202f]")
+_SIGNS_BESIDE_POINTS = re.compile(r"[\s\u00a0\u2009\u202f'\u2019]")
 _NUMBER = re.compile(r"[+-]?\d+([.]\d*)?([eE][+-]?\d+)?")
 _COMMA_HELP = (
     "if its numbers have decimal commas, nothing tells them from separators: save it with `;` "

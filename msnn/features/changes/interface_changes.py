@@ -23,7 +23,9 @@ _Bounds = list[float | None] | None
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """A property of a signal as text, such as its unit, and the effect if it changes."""
+    """A property of an input, output, parameter or state as text, such as its unit, and the effect
+    on users if it changes.
+    """
 
     name: str
     text: str
@@ -34,8 +36,9 @@ class Property:
     """A range that users rely on: only a wider one breaks them."""
 
     def broken_by(self, new: Property) -> str:
-        """The effect on users of the model if this property changes to `new`; empty if it is
-        compatible.
+        """The effect on users of the model if this property changes to `new`. Empty if the change
+        is compatible: an allowed range that covers the old one, a promised range within the old
+        one.
         """
         if self.allowed is not None and new.allowed is not None:
             return "" if _covers(new.allowed, self.allowed) else self.breaks
@@ -45,7 +48,11 @@ class Property:
 
 
 def properties(part: Part, item: Mapping[str, Any]) -> tuple[Property, ...]:
-    """The properties of one interface item, such as unit and range, always in the same order."""
+    """The properties of one item of `interface_record`: unit, shape, name in exports, range, and by
+    kind also the samples that are read or the predicted signal.
+
+    `part` is the kind of the item. Items of one kind have the same properties in the same order.
+    """
     common = (
         Property("unit", item["unit"] or "", "numbers mean something else"),
         Property("shape", _shape(item["axes"]), "arrays have another size"),
@@ -102,7 +109,9 @@ def _predicted(predicts: Mapping[str, Any] | None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InterfaceChange:
-    """A changed property of a part of the interface; None if the part does not exist."""
+    """A changed property of a part of the interface. `old` and `new` are its texts; None if the
+    part does not exist in that model.
+    """
 
     part: str
     """`input F`, or `sample time`."""
@@ -118,7 +127,9 @@ class InterfaceChange:
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """A kind of interface item, such as inputs, and the effects of adding or removing one."""
+    """A kind of interface item: its section in `interface_record`, its name in messages, and the
+    effects on users if an item appears or goes. An empty effect breaks nobody.
+    """
 
     section: str
     part: Part
@@ -141,7 +152,8 @@ _KINDS = (
 
 
 def interface_changes(old: Program, new: Program) -> tuple[InterfaceChange, ...]:
-    """The differences of the exported interfaces of two models, in the order of `show`.
+    """The differences of the exported interfaces of two models: name, sample time and lateness
+    first, then inputs, outputs, parameters, states, start samples and dimensions.
 
     Buffers are internal, except for the samples that a start needs. Docs and initial guesses are
     ignored.
@@ -224,7 +236,9 @@ def _of_kind(
 
 
 def _of_dimensions(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[InterfaceChange]:
-    """Changes of label order, which is the order of elements; sizes are reported with signals."""
+    """Changes of the labels of dimensions that both models have, in number equal; labels give the
+    order of elements. Another number of labels changes shapes, which `properties` compares.
+    """
     before, after = _by_name(old["dimensions"]), _by_name(new["dimensions"])
     # in the order of the spec: a set of names has another one in each process
     for name in (name for name in before if name in after):
@@ -275,7 +289,9 @@ _BREAKS = {
 
 
 def export_changes(old: Model, new: Model) -> tuple[InterfaceChange, ...]:
-    """The differences of targets in both specs, in the order of the section."""
+    """The differences of the keys in `_BREAKS`, for each target that the `export` sections of both
+    specs have. Targets in one spec only are ignored.
+    """
     return tuple(_changes(old, new))
 
 
@@ -306,7 +322,9 @@ def _entry(model: Model, target: str) -> TargetEntry | None:
 
 
 def _text(value: object, target: str, key: str) -> str:
-    """The value of a key, or its default; the order of names is ignored."""
+    """The value of a key of a target as text. Names are sorted, as their order does not matter.
+    None is the target's default `dtype`, and empty for other keys.
+    """
     match value:
         case None if key == "dtype":
             return target_named(target).dtype

@@ -33,7 +33,9 @@ _UNJUDGED = ("aic",)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MetricChange:
-    """The value of one metric in both models; None if one model does not have it."""
+    """The value of one metric in both models. `old` or `new` is None if that model does not measure
+    it.
+    """
 
     of: str
     metric: str
@@ -51,7 +53,9 @@ class MetricChange:
 
 
 def metric_changes(old: ValidationReport, new: ValidationReport) -> tuple[MetricChange, ...]:
-    """Every metric of either spec, in the order of the new one."""
+    """A change for every metric of either report. Metrics of the new report come first, in its
+    order, then those of the old one only.
+    """
     before, after = _by_meaning(old), _by_meaning(new)
     return tuple(
         # the new one's order, then what only the old one measures
@@ -61,10 +65,12 @@ def metric_changes(old: ValidationReport, new: ValidationReport) -> tuple[Metric
 
 
 def error_growth(metric: str, old: float, new: float) -> float | None:
-    """The relative increase of the error of a metric; NaN if infinite.
+    """The relative increase of the error of a metric, (new − old)/old; 0.1 is a tenth more.
 
     For rmse, mae, max_abs, fvu and losses the error is the value; for `fit` and `r2` it is the
-    distance from 100 % and 1. None for `aic`.
+    distance from 100 % and 1. NaN counts as an infinite error. From an error of 0 the increase is
+    ±inf, from an infinite one ±1, without a change 0. None for `aic`, which has no meaningful
+    ratio.
     """
     if metric in _UNJUDGED:
         return None
@@ -132,7 +138,7 @@ class PluginChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trained:
-    """The weights of a run and their metrics; no metrics if data cannot be read."""
+    """The weights of a run, and its metrics; `validation` is None if its data cannot be read."""
 
     weights: Mapping[str, FloatArray]
     validation: ValidationReport | None
@@ -140,7 +146,9 @@ class Trained:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelChanges:
-    """The changes between two models; metrics and parameters only between two runs."""
+    """The changes between two models. `metrics` and `learned` are empty unless both are runs;
+    `name` is that of the new model.
+    """
 
     name: str
     specs: SpecDifference
@@ -156,7 +164,7 @@ class ModelChanges:
         return tuple(change for change in self.interface if change.breaks)
 
     def worse(self, margin: float) -> tuple[MetricChange, ...]:
-        """Metrics whose error grew by more than this fraction."""
+        """Metrics whose error grew by more than `margin`, a fraction such as 0.05 for 5 %."""
         return tuple(c for c in self.metrics if c.growth is not None and c.growth > margin)
 
 
@@ -166,7 +174,9 @@ def model_changes(
     runs: tuple[Trained, Trained] | None = None,
     warnings: tuple[Diagnostic, ...] = (),
 ) -> ModelChanges:
-    """Compares two models, and with `runs` also their trained weights and metrics."""
+    """Compares two models, and with `runs`, the old and the new one, also their trained weights and
+    metrics. `warnings` are added to those about other versions of msnn.
+    """
     metrics: tuple[MetricChange, ...] = ()
     learned: tuple[LearnedNumber, ...] = ()
     if runs is not None:
@@ -190,7 +200,9 @@ def model_changes(
 
 
 def _plugins_of(model: Model) -> dict[str, str]:
-    """The plug-ins of a model with their versions: of a run those that it was trained with."""
+    """The versions of the plug-ins of a model by package. For a run they are those with which it
+    was trained; for a spec those that the program and its data files use now.
+    """
     if model.run is not None:
         record = read_json(model.run / DESCRIPTION)
         return {**recorded_plugins(record), **data_plugins(record)}

@@ -17,14 +17,18 @@ from spec_schema.diagnostics.source import printable, printable_json
 
 
 def changes_text(found: ModelChanges, margin: float) -> str:
-    """Entries of the spec, then tables, then a one-line summary."""
+    """The changes as text for a terminal: entries of the spec, then tables, then a one-line
+    summary. `margin` is that of `ModelChanges.worse`.
+    """
     tables = [table.text for table in _tables(found, margin)]
     parts = [_specs_text(found.specs), *tables, verdict(found, margin)]
     return "\n\n".join(part for part in parts if part)
 
 
 def changes_markdown(found: ModelChanges, margin: float) -> str:
-    """The changes as Markdown below a heading, with entries of the spec folded."""
+    """The changes as Markdown: a heading with the summary, tables, and entries of the spec in a
+    folded block. `margin` is that of `ModelChanges.worse`.
+    """
     head = f"## {found.name}: {verdict(found, margin)}"
     parts = [head, *(table.markdown for table in _tables(found, margin))]
     if specs := _specs_text(found.specs):
@@ -55,7 +59,9 @@ def changes_record(found: ModelChanges, margin: float) -> dict[str, Any]:
 
 
 def failures(found: ModelChanges, on: Collection[FailOn], margin: float) -> list[Diagnostic]:
-    """A diagnostic for each change that fails a pipeline; `any` alone has no diagnostic."""
+    """The diagnostics that fail a pipeline: E0872 for each breaking change if `on` has `breaking`,
+    E0871 for each metric beyond `margin` if it has `worse`. `any` gives no diagnostic here.
+    """
     said: list[Diagnostic] = []
     if "breaking" in on:
         for change in found.breaking:
@@ -72,7 +78,7 @@ def failures(found: ModelChanges, on: Collection[FailOn], margin: float) -> list
 
 def verdict(found: ModelChanges, margin: float) -> str:
     """The summary in one line, such as `the models differ; 1 change of the interface breaks those
-    who use it`.
+    who use it`. `margin` is that of `ModelChanges.worse`.
     """
     sections = listed([f"`{name}`" for name in found.specs.workflow])
     parts = [_SAID[found.specs.kind].format(sections=sections)]

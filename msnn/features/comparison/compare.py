@@ -51,7 +51,7 @@ from spec_schema.reading.setting_values import one_path
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonOptions:
-    """The options of a comparison."""
+    """The options of a comparison, as `msnn compare` and `msnn sweep` have them."""
 
     settings: Sequence[str] = ()
     """Values overridden in all specs."""
@@ -79,7 +79,7 @@ class ComparisonOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Models ordered by their accuracy on held-out rows."""
+    """The result of a comparison: models ordered by their accuracy on held-out rows."""
 
     criterion: Criterion
     ways: tuple[Way, ...]
@@ -99,7 +99,9 @@ class Comparison:
 
 
 class Listener(Protocol):
-    """A receiver of events, one for each completed training."""
+    """A receiver of events: `began` with the number of trainings, then `ended` for each training
+    when its outcome is known.
+    """
 
     def began(self, trials: int) -> None: ...
 
@@ -122,11 +124,14 @@ def compare(
     options: ComparisonOptions,
     listener: Listener | None = None,
 ) -> Comparison:
-    """Trains every variant by seed and fold, and ranks them by a common metric.
+    """Trains every spec with every choice of `grid`, once per seed and fold, and ranks the models
+    by a common metric.
 
     A logged training with the same model, data, seed and fold is not repeated, and a killed one
-    continues. Raises SpecError before training for errors in specs and grid and for an unmeasured
-    criterion. Raises it afterwards if the models have no measurement in common.
+    continues. Raises SpecError before training for errors in specs, grid and options and for a
+    criterion that is not measured, MissingExtraError for a missing package or compiler,
+    TrainingInterruptedError at an interrupt. Raises SpecError afterwards if the models have no
+    measurement in common.
     """
     heard = listener or Unheard()
     refuse_several_processes()
@@ -203,8 +208,11 @@ def compare(
 def _cost_another(
     lines: list[RunLine], ran: Mapping[str, Trial], setup: Setup, log: Path | None
 ) -> None:
-    """Measures the C code of another training of a variant if the one meant for that was not
-    completed.
+    """Measures the C code with the weights of another training of a variant if the training meant
+    for that was not completed.
+
+    `lines` are the log lines of the variant, in which the costed one is replaced; `ran` are the
+    trials by key. The line is also appended to `log`, if there is one.
     """
     ended = [line for line in lines if line.state == "finished"]
     if not ended or any(line.cost is not None for line in ended):
@@ -237,7 +245,8 @@ def _judged(
 
 
 def _refuse_twice(grid: Sequence[GridAxis], options: ComparisonOptions) -> None:
-    """Refuses axes whose value is always overridden by a later axis or by settings.
+    """Raises SpecError if every value of an axis is overridden by a later axis, or a setting by an
+    axis. Raises it also for Optuna with a grid, or without a value to propose.
 
     Overriding a part of an earlier value is allowed: `data.split={…}`, then `data.split.k`.
     """
@@ -262,9 +271,9 @@ def _replaces(later: str, path: str) -> bool:
 
 
 def _one_of_each_choice(compared: Sequence[Variant], drawn: frozenset[str]) -> list[Variant]:
-    """A minimal set of variants that contains every choice, to find errors early.
+    """The variants that add a spec or a setting not seen before, so that errors are found early.
 
-    For values `drawn` between bounds, the first one represents all.
+    Keys in `drawn` have values between bounds: the first value represents all of them.
     """
 
     def choice(setting: str) -> str:

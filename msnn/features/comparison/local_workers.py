@@ -34,11 +34,13 @@ def outcomes(
     jobs: int,
     modules: Sequence[str] = (),
 ) -> Generator[tuple[Trial, TrialOutcome]]:
-    """Yields each trial with its outcome when it ends; `jobs` in parallel, one in this process.
+    """Yields each trial with its outcome when it ends; `jobs` run in parallel, a single one in this
+    process.
 
-    Workers import slow `modules` before they begin, if possible. A killed worker is replaced: its
-    trial continues from its checkpoint after the others of its variant, and is given up when killed
-    again. An interrupt ends all workers after the current batch.
+    `known` are the logged lines by key. Workers import the slow `modules` before they begin, if the
+    system can fork. A killed worker is replaced: its trial continues from its checkpoint after the
+    others of its variant, and is given up when killed again. An interrupt ends all workers after
+    the current batch. Raises TrainingInterruptedError if a training in this process is interrupted.
     """
     # no process of its own: a debugger and Ctrl-C work as in `train`
     if jobs == 1:
@@ -61,7 +63,7 @@ def outcomes(
 
 @dataclass(slots=True)
 class _Shared:
-    """The arguments that a worker process received at its start."""
+    """The arguments that a worker process received at its start; None in other processes."""
 
     setup: Setup | None = None
     known: Mapping[str, RunLine] | None = None
@@ -74,7 +76,9 @@ _SHARED = _Shared()
 
 @dataclass(slots=True)
 class _Worker:
-    """A worker process, which shares nothing with this process except its arguments."""
+    """A worker process, which runs one trial at a time. `opened` makes the pool of this one
+    process.
+    """
 
     opened: Callable[[], ProcessPoolExecutor]
     last: Trial | None = None
@@ -95,7 +99,9 @@ class _Worker:
         self.future = self._pool.submit(_in_worker, trial)
 
     def ended(self) -> tuple[Trial, TrialOutcome | None]:
-        """The trial that has ended, with its outcome; outcome None if the process was killed."""
+        """The trial that has ended, with its outcome; waits for it. The outcome is None if the
+        process was killed.
+        """
         assert self.trial is not None
         assert self.future is not None
         trial, future = self.trial, self.future
@@ -107,14 +113,16 @@ class _Worker:
             return trial, None
 
     def close(self) -> None:
-        """Waits for the process to end."""
+        """Waits for the process to end; `start` makes a new one."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
         self._pool = self.last = None
 
 
 class _Workers:
-    """The worker processes; a Ctrl-C ends all of them."""
+    """A context with `jobs` worker processes; an exception such as Ctrl-C interrupts all
+    of them.
+    """
 
     def __init__(
         self, setup: Setup, known: Mapping[str, RunLine], jobs: int, modules: Sequence[str]
@@ -149,7 +157,9 @@ class _Workers:
         return any(worker.trial is not None for worker in self._all)
 
     def ended(self) -> list[tuple[Trial, TrialOutcome | None]]:
-        """Waits for at least one trial to end; outcome None if its process was killed."""
+        """Waits for at least one trial to end; returns each ended trial with its outcome, None if
+        its process was killed.
+        """
         running = {worker.future: worker for worker in self._all if worker.future is not None}
         # whichever ends first: variants take different times
         done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -186,7 +196,9 @@ def _begin(
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """Ends a worker between trainings; a training handles the signal itself."""
+    """Handles a signal in a worker between trainings: ends the process. A training has its own
+    handler.
+    """
     del number, frame
     # no clean-up: the interpreter would wait for threads of the pool
     os._exit(_INTERRUPTED)
@@ -209,17 +221,21 @@ Group: TypeAlias = "tuple[Variant, int]"
 
 
 def group_of(trial: Trial | None) -> Group | None:
-    """The group of trials that should run in the same process."""
+    """The variant and seed of a trial; trials that share them should run in the same process, which
+    has their data. None for None.
+    """
     return None if trial is None else (trial.variant, trial.seed)
 
 
 def nothing_more() -> Sequence[Trial]:
-    """No further trials, for comparisons whose trials are all known at the start."""
+    """Returns no trials: the `more` of a queue whose trials are all known at the start."""
     return ()
 
 
 class Waiting:
-    """A queue of trials that have not begun; `more` is called for further ones when it is empty."""
+    """A queue of trials that have not begun. When it is empty, `more` returns further trials, or
+    none.
+    """
 
     def __init__(
         self, trials: Sequence[Trial], more: Callable[[], Sequence[Trial]] = nothing_more
@@ -234,7 +250,9 @@ class Waiting:
         return sum(map(len, self._of.values()))
 
     def take_together(self, last: Trial | None, most: int) -> list[Trial]:
-        """At most `most` trials that share data; empty if `take` returns None."""
+        """Takes at most `most` trials of one group, starting as `take(last)` does; empty if that
+        returns None.
+        """
         found: list[Trial] = []
         while len(found) < most and (trial := self.take(found[-1] if found else last)) is not None:
             found.append(trial)
@@ -244,7 +262,8 @@ class Waiting:
         return found
 
     def take(self, last: Trial | None) -> Trial | None:
-        """The next trial for a worker that had `last`: of its group, of a new group, or any.
+        """Takes the next trial for a worker whose previous trial was `last` (None for a new
+        worker): from the same group, else from a group that no worker has begun, else from any.
 
         None if nothing remains, or if further proposals need a result first.
         """
@@ -265,7 +284,7 @@ class Waiting:
         return found
 
     def put_back(self, trial: Trial) -> None:
-        """Returns a trial to the queue."""
+        """Returns a trial to the end of its group."""
         self._add((trial,))
 
     def _add(self, trials: Sequence[Trial]) -> None:

@@ -32,7 +32,9 @@ _IN_MEMORY = re.compile(r"(sqlite(\+\w+)?://(/|/?(?=\?)|$))?(:memory:)?(\?.*)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """The search space of Optuna, and the storage of its trials."""
+    """A search by Optuna: the spec, the values to propose, the criterion, and the storage of its
+    trials.
+    """
 
     storage: str
     """A SQLite file, or the address of a database in SQLAlchemy's format."""
@@ -49,7 +51,12 @@ class Search:
 def search_of(
     one: Variant, storage: str, draws: Draws, wanted: str | None, setup: Setup, lists: TrialLists
 ) -> Search:
-    """The search for a spec; `one` is one of its variants. Raises SpecError."""
+    """The search for the spec of the variant `one`, whose last settings are drawn values.
+
+    `wanted` is the criterion requested by the user, `lists` gives seeds and folds. Raises SpecError
+    for a criterion that is not measured and for errors in spec or data, MissingExtraError for a
+    missing package.
+    """
     readings = Readings(setup.data, setup.data_root)
     fold = lists.of([one])[0].fold
     model = readings.model(one, fold)
@@ -73,7 +80,11 @@ def search_of(
 
 @dataclass(slots=True)
 class Proposals:
-    """An Optuna study: its proposals, their results, and the next proposals."""
+    """An Optuna study: it proposes values, and learns from the results of earlier proposals.
+
+    Creating one raises MissingExtraError without Optuna, and SpecError if the storage cannot be
+    used. Proposals that an earlier command left without a result are trained again.
+    """
 
     search: Search
     lists: TrialLists
@@ -115,7 +126,9 @@ class Proposals:
                 self._open.setdefault(variant, []).append(trial.number)
 
     def more(self) -> Sequence[Trial]:
-        """The trials of the next proposal; empty if there are enough."""
+        """The trials of the next proposal, or of earlier proposals of the study at first. Empty if
+        the study has as many proposals as requested. Raises SpecError if the storage fails.
+        """
         if self._before:
             found = tuple(dict.fromkeys(self._before))
             self._before.clear()
@@ -139,7 +152,9 @@ class Proposals:
         return ()
 
     def ended(self, trial: Trial, line: RunLine) -> None:
-        """Reports a proposal's result to the study when all its seeds and folds are complete."""
+        """Adds the log line of a completed trial; reports the mean to the study when all seeds and
+        folds of its variant are complete. Raises SpecError if the storage fails.
+        """
         self._ended.setdefault(trial.variant, []).append(line)
         self._tell(trial.variant)
 
@@ -157,7 +172,9 @@ class Proposals:
             self._say(number, score if math.isfinite(score) else None)
 
     def _say(self, number: int, score: float | None) -> None:
-        """Reports the result of a proposal, or its failure; a result of another command is kept."""
+        """Reports the score of proposal `number` to the study, or its failure for None; a result
+        that another command has reported is not replaced.
+        """
         state = self._optuna.trial.TrialState
         # a diverged training says where not to look, but has no number that a sampler could use
         over = state.FAIL if score is None else state.COMPLETE
@@ -196,7 +213,9 @@ class Proposals:
                 return made.CategoricalDistribution(listed.values)
 
     def _opened(self) -> Any:
-        """The study with these distributions, model and data; other studies are not changed."""
+        """Opens or creates the study for these distributions, model and data; their hash is in its
+        name, so that other studies are not changed. Raises SpecError if the storage cannot be used.
+        """
         search = self.search
         given = [(axis.path, str(axis.law)) for axis in self._axes]
         better = "maximize" if search.is_higher_better else "minimize"
@@ -228,14 +247,18 @@ def _reason(error: Exception) -> str:
 
 
 def _text(axis: DrawAxis, value: object) -> str:
-    """A proposed value as text for labels and for the spec."""
+    """A proposed value as text for labels and for the spec, rounded as in a sweep
+    without Optuna.
+    """
     if isinstance(axis.law, Bounds) and isinstance(value, int | float):
         return axis.law.text(value)
     return str(value)
 
 
 def _score(lines: Sequence[RunLine], wanted: str | None) -> float:
-    """The mean of the criterion over seeds and folds; NaN if a training was not completed."""
+    """The mean of the criterion over the trainings in `lines` (seeds and folds of a variant); NaN
+    if one was not completed. Raises SpecError if `wanted` was not measured.
+    """
     if any(line.state != "finished" for line in lines):
         return math.nan
     criterion = chosen_criterion(lines, wanted)

@@ -19,7 +19,7 @@ _HIGHER = frozenset({"fit", "r2"})
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """One metric of one output and kind of simulation, the criterion of the ranking."""
+    """One metric of one output and kind of simulation, by which models are ranked."""
 
     way: Way | None
     """None: the monitor of the last stage, if no spec has metrics."""
@@ -54,8 +54,8 @@ MONITOR = Criterion(None, "monitor")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranked:
-    """A variant in the ranking, with mean and standard deviation of its score over seeds
-    and folds.
+    """A variant in the ranking with its trainings; `score` and `deviation` are mean and standard
+    deviation of the criterion over seeds and folds.
     """
 
     variant: Variant
@@ -76,7 +76,9 @@ class Ranked:
 
     @property
     def deviation(self) -> float:
-        """Sample standard deviation with n − 1; NaN for a single training or unlike infinities."""
+        """Sample standard deviation of the scores with n − 1, in the unit of the criterion. NaN for
+        a single training, and with infinite scores unless all are equal, where it is 0.
+        """
         # the AIC of errors that are all 0
         if not np.isfinite(self.scores).all():
             return 0.0 if len(self.scores) > 1 and len(set(self.scores)) == 1 else math.nan
@@ -99,7 +101,9 @@ class Ranked:
 
     @property
     def instructions(self) -> float:
-        """Instructions of one step of the C code; NaN if not counted."""
+        """Instructions of one step of the C code, the mean over the trainings that were costed; NaN
+        if none was.
+        """
         found = [line.cost.instructions for line in self.lines if line.cost is not None]
         return float(np.mean(found)) if found else math.nan
 
@@ -109,15 +113,18 @@ class Ranked:
 
     @property
     def expense(self) -> float:
-        """Instructions per step if counted, else the number of learned parameters."""
+        """The cost by which models are compared: instructions per step if counted, else the number
+        of learned elements.
+        """
         return self.parameters if math.isnan(self.instructions) else self.instructions
 
     def information(self, way: Way | None) -> tuple[float, float]:
-        """AIC and BIC of the training rows, per scored value.
+        """AIC and BIC per scored value on the training rows, means over the trainings; NaN if `way`
+        has no AIC.
 
         AIC/n = (L + 2p)/n, BIC/n = (L + p ln n)/n (Akaike 1974, Schwarz 1978). L is -2 ln of the
-        likelihood of Gaussian errors, p the learned parameters and n the scored values. Smaller is
-        better.
+        likelihood of Gaussian errors, p the number of learned elements and n that of scored values.
+        Smaller is better.
         """
         found: list[tuple[float, float]] = []
         for line in self.lines:
@@ -135,7 +142,8 @@ class Ranked:
 
 
 def common_ways(lines: Sequence[RunLine]) -> tuple[Way, ...]:
-    """Outputs and kinds of simulation that all lines contain, in the order of the first.
+    """The measurements that all lines contain, each as output, kind of simulation and unit, in the
+    order of the first line. Empty without lines.
 
     Raises SpecError if there are measurements, but none in common.
     """
@@ -162,11 +170,11 @@ def _told(line: RunLine) -> list[str]:
 
 
 def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
-    """The criterion `wanted`, or else that of the first entry of `validate`.
+    """The criterion `wanted`, or if None the first entry of `validate` that all `lines` have, or
+    the monitor if there are no measurements.
 
     `fit`, `x_next.fit` and `x_next.fit:record` name a metric, its output, and the beginning of its
-    simulation. Without entries in any spec it is the monitor. Raises SpecError for a metric that is
-    not common to all.
+    simulation. Raises SpecError for a metric that is not common to all.
     """
     ways = common_ways(lines)
     shared = [each for way in ways for each in lines[0].held_out if each.way == way]
@@ -176,9 +184,10 @@ def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
 
 
 def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
-    """The metric that the text `wanted` names, such as `x_next.fit`.
+    """The first metric in `shared` that the text `wanted` names: `fit`, `x_next.fit` (with the
+    output) or `x_next.fit:record` (with the beginning of the simulation).
 
-    Raises SpecError if it is not measured.
+    Raises SpecError if there is none.
     """
     measured, _, rollout = wanted.partition(":")
     of, _, metric = measured.rpartition(".")
@@ -192,9 +201,9 @@ def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
 
 
 def ranked(lines: Mapping[Variant, Sequence[RunLine]], criterion: Criterion) -> tuple[Ranked, ...]:
-    """All models, the most accurate first.
-
-    Models with failed trainings follow, and models without a score are last.
+    """All variants, the most accurate first, the cheaper one of equals. Variants with failed
+    trainings follow, and those without a score are last. The best one and the Pareto front are
+    marked.
     """
     entries = [_ranked(variant, found, criterion) for variant, found in lines.items()]
     sign = -1.0 if criterion.is_higher_better else 1.0
@@ -226,7 +235,8 @@ def _ranked(variant: Variant, found: Sequence[RunLine], criterion: Criterion) ->
 
 
 def _marked(ordered: Sequence[Ranked]) -> tuple[Ranked, ...]:
-    """The same models, with the best one and the Pareto front of accuracy and cost marked.
+    """The entries in the same order, with the best one and the Pareto front of accuracy and cost
+    marked. `ordered` is sorted by accuracy.
 
     Only models with complete trainings are considered, unless there are none.
     """

@@ -30,7 +30,7 @@ Files = Mapping[str, bytes]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SentTrial:
-    """A trial that is sent to a node; shared parts are references to Ray's object store."""
+    """A trial as it is sent to a node; `rows` and `series` are references to Ray's object store."""
 
     trial: Trial
     line: RunLine
@@ -43,7 +43,9 @@ class SentTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """Several trials of a variant that a node trains one after the other."""
+    """Several trials that a node trains one after the other; they share the model and, as a rule,
+    the data.
+    """
 
     trials: tuple[SentTrial, ...]
     model: Any
@@ -54,7 +56,9 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class TaskResult:
-    """The outcome of a trial on a node, its files, and its duration in seconds."""
+    """The outcome of a trial on a node, the contents of its files by path in the run's folder, and
+    its duration in seconds.
+    """
 
     outcome: TrialOutcome
     files: Files
@@ -62,7 +66,9 @@ class TaskResult:
 
 
 def in_task(task: Task) -> list[TaskResult]:
-    """Trains on a node in a temporary folder; returns the created files."""
+    """Trains the trials of a task on a node, each in a temporary folder; returns outcomes and
+    files.
+    """
     load_away_from_folder()
     found = [_trained(task, sent) for sent in task.trials]
     _freeze()
@@ -109,6 +115,8 @@ _DATA = Latest[Any](_OPEN_DATA)
 
 
 def _opened(reference: Any, kept: Latest[Any]) -> Any:
-    """An object from the object store, cached by reference."""
+    """The object that a reference to Ray's object store means; `kept` caches it, so that a node's
+    process has it once.
+    """
     # get() would make a new object each time, and the caches of the model with it
     return kept.get(reference.hex(), lambda: import_module("ray").get(reference))

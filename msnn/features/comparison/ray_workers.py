@@ -44,14 +44,14 @@ _STORED = 64
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """A task that runs on a node, and its trials."""
+    """A task that runs on a node, and its trials with model and data, in the same order."""
 
     task: Task
     ready: tuple[ReadyTrial, ...]
 
     @property
     def each(self) -> list[Running]:
-        """One task per trial."""
+        """Split into one task per trial, to repeat the trials of a killed task separately."""
         pairs = zip(self.task.trials, self.ready, strict=True)
         return [Running(replace(self.task, trials=(sent,)), (ready,)) for sent, ready in pairs]
 
@@ -59,11 +59,12 @@ class Running:
 def ray_outcomes(
     waiting: Waiting, setup: Setup, known: Mapping[str, RunLine], address: str
 ) -> Generator[tuple[Trial, TrialOutcome]]:
-    """Yields each trial with its outcome when it ends, trained on the cluster at `address`.
+    """Yields each trial with its outcome when it ends, trained on the Ray cluster at `address`.
 
     Specs and data are read locally, so nodes need neither; series are sent to the object store
     once. A trial whose worker or node is killed restarts on another. Files of trainings are written
-    below `setup.runs`. Raises SpecError if there is no such cluster.
+    below `setup.runs`. `known` are the logged lines by key. Raises SpecError if there is no such
+    cluster, MissingExtraError without Ray.
     """
     with _Cluster(address, setup) as cluster:
         readings, last = Readings(setup.data, setup.data_root), None
@@ -90,7 +91,7 @@ def ray_outcomes(
 
 @dataclass(slots=True)
 class _Cluster:
-    """A connection to a Ray cluster, with the tasks that run on it."""
+    """A context with a connection to a Ray cluster; its exit cancels the tasks that still run."""
 
     address: str
     setup: Setup
@@ -147,13 +148,16 @@ class _Cluster:
         return len(self._running) < self._cores * _AHEAD
 
     def together(self, waiting: int) -> int:
-        """The number of trials per task: enough work, but no idle processors."""
+        """The number of trials for the next task, if `waiting` trials have not begun: about
+        `_TOGETHER` seconds of training, but not so many that a processor is idle.
+        """
         # at the end tasks become small, so that all processors end together
         return max(1, min(int(_TOGETHER / self._seconds), waiting // self._cores))
 
     def start(self, ready: Sequence[ReadyTrial], shared: Model) -> None:
-        """Starts a task on a node: sends the model, sets and recordings, and references to the
-        series.
+        """Starts a task on a node that trains the trials `ready`, which share the model `shared`.
+        Model, rows and series are stored once in the object store, and the task has references to
+        them.
         """
 
         def bare() -> Model:
@@ -185,15 +189,18 @@ class _Cluster:
         )
 
     def _reference(self, value: object, sent: Callable[[], object]) -> Any:
-        """The reference of a value in the object store, where it is stored once."""
+        """The reference of `value` in the object store. The first call for this object stores the
+        result of `sent`, the form of it that nodes need.
+        """
         stored = self._stored.get(id(value), lambda: (value, self._ray.put(sent())))
         return stored[1]  # the value stays, and so does its identity
 
     def ended(self) -> list[tuple[Trial, TrialOutcome]]:
-        """The trials of a completed task, with their files written locally.
+        """Waits for a task to end; returns its trials with their outcomes, and writes their files
+        locally.
 
         Empty for a task that was killed repeatedly: its trials restart separately, and a single
-        trial is given up.
+        trial is given up with an outcome. Errors of msnn on a node are raised.
         """
         (done,), _ = self._ray.wait(list(self._running), num_returns=1)
         running = self._running.pop(done)

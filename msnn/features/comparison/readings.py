@@ -30,7 +30,11 @@ Folds: TypeAlias = dict[int | None, Dataset]
 
 @dataclass(slots=True)
 class Readings:
-    """The most recently used models and data, of unchanging specs and files."""
+    """A cache of the most recently used models and data. Specs and files must not change meanwhile.
+
+    `frames` and `root` are the data arguments of `measured`: tables in memory, or the folder of the
+    data files.
+    """
 
     frames: Frames | None
     root: Path | None
@@ -41,15 +45,17 @@ class Readings:
         self._models, self._tables = Latest(_MODELS), Latest(_TABLES)
 
     def model(self, variant: Variant, fold: int | None) -> Model:
-        """The model of a variant with this fold held out. Raises SpecError."""
+        """The model of a variant with this fold held out; None leaves the split of the spec. Raises
+        SpecError.
+        """
         key = variant.spec, variant.settings
         model = self._models.get(key, lambda: load_model(variant.spec, variant.settings))
         return model if fold is None else of_fold(model, fold)
 
     def data(self, variant: Variant, fold: int | None) -> Dataset:
-        """The data of this variant and fold; folds share their arrays.
+        """The data of this variant and fold; folds share their arrays where these are equal.
 
-        Raises SpecError and MissingExtraError.
+        Raises SpecError for errors in spec or data, MissingExtraError for a missing package.
         """
         folds = self._tables.get(data_key(variant), dict[int | None, Dataset])
         if fold not in folds:
@@ -63,7 +69,9 @@ class Readings:
 
 
 def data_key(variant: Variant) -> DataKey:
-    """A key shared by variants with the same data: settings of other sections may differ."""
+    """The spec of a variant and those of its settings that can affect the data read from files.
+    Variants with the same key have the same data.
+    """
     deciding = (
         setting
         for setting in variant.settings
@@ -83,7 +91,7 @@ class Latest(Generic[Value]):
         self._kept = OrderedDict()
 
     def get(self, key: Hashable, made: Callable[[], Value]) -> Value:
-        """The cached value of the key; created by `made` if missing."""
+        """The cached value of `key`; if there is none, it is made by calling `made`."""
         # taken out and put behind: the first one is that which was not asked for the longest
         value = self._kept.pop(key) if key in self._kept else made()
         self._kept[key] = value

@@ -16,14 +16,14 @@ from spec_schema.diagnostics.source import printable
 
 
 def comparison_table(found: Comparison, most: int | None = None) -> str:
-    """The ranking as a printed table; see `comparison_cells`."""
+    """The ranking as text in columns; `most` limits the rows as in `comparison_cells`."""
     return comparison_cells(found, most).text
 
 
 def comparison_cells(found: Comparison, most: int | None = None) -> Table:
-    """One row per model, the most accurate first; empty columns are omitted.
+    """The ranking with one row per model, the most accurate first; empty columns are omitted.
 
-    With `most`, that many rows, and those of the Pareto front and of failed trainings.
+    With `most`, only that many rows, and those of the Pareto front and of failed trainings.
     """
     others = _others(found)
     shown = (
@@ -52,7 +52,9 @@ def comparison_cells(found: Comparison, most: int | None = None) -> Table:
 
 
 def comparison_notes(found: Comparison) -> list[str]:
-    """Notes for readers of the table."""
+    """Sentences below the table: folder of the best model, the cheapest model that is as good,
+    different scored rows, missing tools.
+    """
     notes: list[str] = []
     best = found.best
     if best is not None and best.lines[0].folder is not None and found.folder is not None:
@@ -78,7 +80,7 @@ def comparison_notes(found: Comparison) -> list[str]:
 
 
 def comparison_record(found: Comparison) -> dict[str, Any]:
-    """The comparison as JSON values, with every training."""
+    """The comparison as a JSON object with every training; unknown numbers are NaN."""
     drawn = {axis.path: str(axis.law) for axis in found.draws.axes}
     return {
         "draws": {"seed": found.draws.seed, "count": found.draws.count, "keys": drawn}
@@ -123,8 +125,8 @@ def comparison_record(found: Comparison) -> dict[str, Any]:
 
 
 def _others(found: Comparison) -> list[Criterion]:
-    """Further columns of the table: the fit of the ranked output, and the first metric of each
-    other one.
+    """The criteria of further columns of the table: the fit of the ranked output, and for each
+    other common measurement the metric that its spec requests first.
     """
     shown: list[Criterion] = []
     lines = [line for entry in found.entries for line in entry.lines]
@@ -179,9 +181,10 @@ def _number(value: float, digits: int = 5) -> str:
 
 
 def plot_comparison(path: Path, found: Comparison) -> Path:
-    """One point per model, with standard deviation over seeds and folds; the Pareto front as line.
+    """Plots accuracy over cost, one point per model, with the standard deviation over seeds and
+    folds as error bar and the Pareto front as line. Returns the path of the file.
 
-    The suffix selects the format, one of FORMATS.
+    The suffix of `path` selects the format, one of FORMATS.
     """
     figure = new_figure(2)
     axis: Any = figure.subplots()

@@ -70,7 +70,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class TrialOutcome:
-    """The result of a trial: its line in `runs.jsonl`, and if it was trained now."""
+    """The result of a trial: its line in `runs.jsonl`, and `is_new` if it was trained now."""
 
     line: RunLine
     is_new: bool
@@ -92,10 +92,10 @@ class ReadyTrial:
 def run_trial(
     trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
 ) -> TrialOutcome:
-    """Trains, evaluates and costs a variant, or uses the line in `known` with its key.
+    """Trains, evaluates and costs a variant, or uses the line in `known`, logged lines by key.
 
-    Errors of the spec or the data, missing packages and divergence are outcomes. If another process
-    trains in the same folder, waits for it. Raises TrainingInterruptedError.
+    Errors of the spec or the data, missing packages and divergence are outcomes, not exceptions. If
+    another process trains in the same folder, waits for it. Raises TrainingInterruptedError.
     """
     found = ready_trial(trial, setup, known, readings)
     if isinstance(found, TrialOutcome):
@@ -117,7 +117,9 @@ def run_trial(
 
 
 def log_outcome(log: Path, line: RunLine) -> bool:
-    """Appends the line of a completed training to the log; False for a refused one."""
+    """Appends the line of a completed training to the log and removes its checkpoint. Returns
+    False, and writes nothing, for a refused trial, which can be tried again.
+    """
     # a refused spec can be mended: next time it is tried again
     if line.state == "refused":
         return False
@@ -132,7 +134,9 @@ def log_outcome(log: Path, line: RunLine) -> bool:
 def ready_trial(
     trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
 ) -> ReadyTrial | TrialOutcome:
-    """Prepares a trial; returns its outcome if it is known or cannot be trained."""
+    """Loads model and data of a trial. Returns its outcome instead if `known`, the logged lines by
+    key, has it, or if spec or data have errors or a package is missing.
+    """
     # a spec that cannot be read has no hash; its line says at least which one was tried
     line = _unknown(trial)
     try:
@@ -151,7 +155,9 @@ def ready_trial(
 
 
 def train_ready(ready: ReadyTrial, setup: Setup) -> TrialOutcome:
-    """Trains, evaluates and costs a trial. Raises TrainingInterruptedError."""
+    """Trains, evaluates and costs a trial. Errors of spec and data, missing packages and divergence
+    are outcomes. Raises TrainingInterruptedError.
+    """
     try:
         with sources_of(ready.model):
             return TrialOutcome(_trained(ready, setup), is_new=True)
@@ -163,18 +169,24 @@ def train_ready(ready: ReadyTrial, setup: Setup) -> TrialOutcome:
 
 
 def trial_folder(model: Model, line: RunLine) -> Path:
-    """The folder of a trial, relative to the log."""
+    """The folder of a trial's run, relative to the folder of runs; it contains the key of `line`,
+    so that a killed training finds its checkpoint.
+    """
     # by its key, no time: a training that was killed finds its checkpoint there
     return Path(model.name) / _FOLDER / line.key[:_KEY_SHOWN]
 
 
 def killed(trial: Trial, times: str) -> TrialOutcome:
-    """The outcome of a trial whose process was killed repeatedly."""
+    """The outcome of a trial whose process was killed repeatedly, with E0977 as reason; `times`
+    says how often, such as `twice`.
+    """
     return refused(_unknown(trial), SpecError((killed_again(trial.variant.label, times),)))
 
 
 def refused(line: RunLine, error: SpecError | MissingExtraError) -> TrialOutcome:
-    """The outcome of a trial that cannot be trained; its line has the error as reason."""
+    """The outcome of a trial that cannot be trained: `line` with the state `refused` and the text
+    of the error as reason.
+    """
     found = error.diagnostics if isinstance(error, SpecError) else [error.diagnostic]
     sources = error.sources if isinstance(error, SpecError) else ()
     reason = render(found, "full", sources)
@@ -182,9 +194,10 @@ def refused(line: RunLine, error: SpecError | MissingExtraError) -> TrialOutcome
 
 
 def _is_kept(line: RunLine, model: Model, setup: Setup) -> bool:
-    """True if a logged training has the same measurements and, if needed, valid weights.
+    """True if the logged training `line` can be used instead of a new one: it has the measurements
+    that `model` requests and, if runs are saved, valid weights. Failed trainings are always used.
 
-    A weights file that is empty, truncated or has other arrays is invalid.
+    A weights file that is missing, empty, truncated or has other arrays is invalid.
     """
     if line.state != "finished":
         return True
@@ -224,7 +237,8 @@ def _unknown(trial: Trial) -> RunLine:
 
 
 def _completed(line: RunLine, ready: ReadyTrial, setup: Setup) -> RunLine:
-    """The line of a completed training in `runs.jsonl`, with its cost and metrics on training rows.
+    """A logged line, with its cost and the metrics on training rows added if they are missing and
+    its weights are saved.
 
     A training by another command may lack both: `train --folds` only evaluates the held-out fold.
     """
@@ -262,7 +276,7 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
 def _measured(
     model: Model, data: Dataset, weights: Mapping[str, FloatArray], name: str
 ) -> tuple[Measured, ...]:
-    """The metrics of the spec's `validate` section, evaluated on the set `name`."""
+    """The metrics of the spec's `validate` section, evaluated on the rows of the set `name`."""
     checks, stages = model.spec.checks, model.spec.train
     found = validate(
         model.program, data, checks, weights, on=name, judges_errors=False, stages=stages
@@ -282,7 +296,9 @@ class _Heard(Silent):
 
 @dataclass(slots=True)
 class TrialLists:
-    """Lists the trials of variants: one for each seed and fold."""
+    """Lists the trials of variants: one for each of `seeds` seeds, and with `folds` for each fold
+    of the spec's split.
+    """
 
     seeds: int
     folds: bool
@@ -291,7 +307,9 @@ class TrialLists:
     )
 
     def of(self, compared: Sequence[Variant]) -> list[Trial]:
-        """All variants with the first seed, then with the next. Raises SpecError."""
+        """The trials of all variants with the first seed, then with the next. Raises SpecError if a
+        spec cannot be read or has no folds.
+        """
         return [
             Trial(variant, seed, fold, is_costed=seed == 0 and fold in (None, 1))
             # a comparison that is interrupted has every variant by one seed, not one variant by all
@@ -312,7 +330,9 @@ class TrialLists:
 
 
 def planned(model: Model) -> tuple[Measured, ...]:
-    """The metrics of the `validate` section with unknown values. Raises SpecError."""
+    """The metrics of the `validate` section before any training, with NaN as values. Raises
+    SpecError for errors in that section.
+    """
     findings = Findings()
     plans = plan_checks(model.program, model.spec.checks, findings)
     findings.raise_errors()

@@ -50,7 +50,7 @@ class GridAxis:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """Random values of several keys, one row per draw."""
+    """Random values of several keys as YAML texts, one row per draw, one column per path."""
 
     paths: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
@@ -58,7 +58,8 @@ class Drawn:
 
 
 def grid_axis(text: str) -> GridAxis:
-    """Parses `layers.h.fir.window=5,10,20`; values are YAML, lists and mappings in brackets.
+    """Parses `layers.h.fir.window=5,10,20`, a path and values; values are YAML, lists and mappings
+    in brackets.
 
     Raises SpecError for other texts.
     """
@@ -71,7 +72,9 @@ def grid_axis(text: str) -> GridAxis:
 
 
 def grid_axes(grid: Grid) -> list[GridAxis]:
-    """The axes of a grid, from texts or from a mapping of keys to values. Raises SpecError."""
+    """The axes of a grid, from texts in the form of `--grid` or from a mapping of keys to values.
+    Raises SpecError for malformed texts, and ValueError for values that JSON lacks, such as NaN.
+    """
     if isinstance(grid, Mapping):
         return [
             GridAxis(one_path(path), tuple(map(value_text, values)))
@@ -81,7 +84,9 @@ def grid_axes(grid: Grid) -> list[GridAxis]:
 
 
 def listed_values(text: str) -> tuple[str, ...] | None:
-    """The YAML values between commas on one line, verbatim; None if the text is invalid."""
+    """The YAML values between commas as they are written; None if the text is empty, invalid or has
+    several lines.
+    """
     findings = Findings()
     # as a flow list of YAML, so that commas within brackets and quotes do not separate
     listed = SourceText(_GRID, f"[{text}]")
@@ -101,7 +106,8 @@ def variants(
 ) -> tuple[Variant, ...]:
     """Every spec with every draw and every combination of grid values, without duplicates.
 
-    The last axis varies fastest, draws slowest.
+    `settings` are common to all, written as `key=value`. The last axis varies fastest, draws
+    slowest.
     """
     drawn = drawn or Drawn((), ((),), None)
     paths = [*drawn.paths, *(axis.path for axis in grid)]
@@ -128,7 +134,9 @@ def _names(specs: Sequence[Path]) -> list[str]:
 
 
 def _short(paths: Sequence[str]) -> list[str]:
-    """The shortest distinct suffixes of paths: `window`, or `f.window` and `g.window`."""
+    """The shortest suffixes by which the paths differ: `window`, or `f.window` and `g.window`.
+    Suffixes that begin with a number are avoided.
+    """
     steps = [path.split(".") for path in paths]
     for depth in range(1, max(map(len, steps), default=1)):
         ends = [".".join(each[-depth:]) for each in steps]
@@ -147,7 +155,9 @@ _DIGITS = 6
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """A random distribution between `low` and `high`: uniform, log-uniform (`log`), or integer."""
+    """A random distribution between `low` and `high`: uniform, log-uniform (`log`), or integer with
+    both bounds included. `unit` is appended to each value.
+    """
 
     law: Law
     low: float
@@ -155,7 +165,9 @@ class Bounds:
     unit: str = ""
 
     def value(self, share: float) -> str:
-        """The quantile of the distribution at `share`, as YAML text."""
+        """The quantile of the distribution at `share`, from 0 to below 1, as YAML text with the
+        unit.
+        """
         match self.law:
             case "uniform":
                 number = self.low + share * (self.high - self.low)
@@ -168,7 +180,9 @@ class Bounds:
         return self.text(number)
 
     def text(self, number: float) -> str:
-        """A number between the bounds as YAML text, rounded for labels."""
+        """A number between the bounds as YAML text with the unit, rounded to 6 significant digits
+        unless it is an integer.
+        """
         shown = float(f"{number:.{_DIGITS}g}")
         text = f"{int(number)}" if self.law == "integer" else repr(_within(shown, self))
         return f"{text} {self.unit}".rstrip()
@@ -223,8 +237,8 @@ class Draws:
 
     @property
     def each_choice(self) -> Drawn:
-        """Few rows in which every listed value occurs, with the lower bounds of numbers, for an
-        early check.
+        """Few rows for an early check of a spec: each value of a choice occurs in one of them, and
+        numbers have their lower bound.
         """
         choices = [
             axis.law.values if isinstance(axis.law, Listed) else (axis.law.text(axis.law.low),)
@@ -239,7 +253,7 @@ class Draws:
 
     @property
     def numbers(self) -> frozenset[str]:
-        """Keys drawn between bounds, whose values are all different."""
+        """The keys that are drawn between bounds rather than from a list."""
         return frozenset(axis.path for axis in self.axes if isinstance(axis.law, Bounds))
 
 
@@ -247,9 +261,10 @@ NO_DRAWS = Draws()
 
 
 def draw_axes(given: Sequence[str] | Mapping[str, str]) -> tuple[DrawAxis, ...]:
-    """Parses texts `parameters.k.init=log(1, 100) N/m`, or a mapping from key to distribution.
+    """Parses texts such as `parameters.k.init=log(1, 100) N/m`, or a mapping from key to
+    distribution.
 
-    Raises SpecError for other texts.
+    Raises SpecError for other texts, and for bounds between which nothing can be drawn.
     """
     if isinstance(given, Mapping):
         return tuple(_axis(path, law, f"{path}={law}") for path, law in given.items())

@@ -22,7 +22,11 @@ from msnn.features.control.problem.state_estimation import EstimationProblem, au
 def deviations(
     problem: EstimationProblem, numbers: Vector, *, initial: bool
 ) -> NDArray[np.float64]:
-    """The deviations of ξ, at first or in a second; 0 but for the newest of a register fed back."""
+    """The standard deviation of each element of ξ: the initial one, or that of the noise in one
+    second. It is 0 for elements that are known. `numbers` is the layout of ξ.
+
+    In the register of a fed-back signal, only the newest sample has noise.
+    """
     found = np.zeros(numbers.size)
     table = {**problem.deviations, **problem.parameters}
     for member in numbers.members:
@@ -40,7 +44,9 @@ Array = NDArray[Any]
 
 
 class FilterStatus(IntEnum):
-    """The outcome of a correction; the numbers are those of controllers."""
+    """The outcome of a correction or prediction; equal outcomes of controllers have the same
+    numbers.
+    """
 
     FILTERED = 0
     """The estimate is that of the measurements."""
@@ -69,7 +75,9 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class WindowEstimate(Estimate):
-    """A moving-horizon estimate; `std` and `innovations` are those of the filter."""
+    """The estimate of moving-horizon estimation; `std` and `innovations` are those of the filter
+    that runs in parallel.
+    """
 
     cost: float
     """Of the window: squares of errors and noise, by their deviations; NaN without a solve."""
@@ -81,7 +89,8 @@ class WindowEstimate(Estimate):
 def input_rows(
     problem: EstimationProblem, inputs: Mapping[str, ArrayLike], wanted: Collection[str]
 ) -> dict[str, NDArray[Any]]:
-    """One row of each port, zeros for those that are not wanted and not given.
+    """The rows of a log for one step, by input: (samples, *shape). Inputs that are not in `wanted`
+    may be missing, and are then 0.
 
     Raises ValueError for an input that is missing, unknown or of another shape.
     """
@@ -103,7 +112,9 @@ def input_rows(
 
 
 class KalmanFilter:
-    """The filter of a model, `msnn.estimator(model)`; it remembers from sample to sample."""
+    """The extended Kalman filter of a model, `msnn.estimator(model)`. It stores estimate and
+    covariance from sample to sample.
+    """
 
     def __init__(
         self,
@@ -111,7 +122,9 @@ class KalmanFilter:
         weights: Mapping[str, ArrayLike],
         dtype: DTypeLike = np.float64,
     ) -> None:
-        """`weights` are those of all parameters, from which estimated ones begin."""
+        """`weights` has the physical value of each parameter, which is the initial estimate of
+        estimated ones; `dtype` is the precision.
+        """
         self.problem = problem
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         known = problem.program.parameters
@@ -134,9 +147,11 @@ class KalmanFilter:
         self.reset()
 
     def reset(self, x: Mapping[str, ArrayLike] | None = None) -> None:
-        """Begins anew, from states where they are given; others as `init` says without a log.
+        """Restarts the filter from the states `x`, by name; other states have the initial value of
+        the spec, if it needs no log.
 
-        A number that is not finite is not given.
+        Elements that are not finite count as missing. Raises ValueError for an unknown name and
+        another shape.
         """
         problem = self.problem
         program = problem.program
@@ -171,11 +186,13 @@ class KalmanFilter:
         *,
         around: Array | None = None,
     ) -> Estimate:
-        """The estimate at t, from what was measured there; NaN is what was not.
+        """Corrects the estimate by the measurements at t, by signal, and returns it; NaN is not
+        measured.
 
-        `inputs` at t are wanted where measured outputs read them. Slopes are those at `around`,
-        where somebody knows better, else at the estimate. Raises ValueError where an input is
-        missing, and for a name or a shape that the problem does not have.
+        `inputs` at t are required if measured outputs depend on them. Derivatives are taken at
+        `around`, a vector ξ, by default at the estimate. A correction that fails is reported in the
+        status, and the estimate is unchanged. Raises ValueError for a missing input, an unknown
+        name and another shape.
         """
         problem = self.problem
         known = {m.signal: m for m in problem.measured}
@@ -218,7 +235,9 @@ class KalmanFilter:
         return self._told(FilterStatus.FILTERED, innovations)
 
     def expected(self, inputs: Mapping[str, ArrayLike] | None = None) -> dict[str, Array]:
-        """The predicted measurement of each signal at t, from the estimate."""
+        """The predicted measurement of each signal at t, from the estimate. `inputs` as for
+        `correct`.
+        """
         log = self._log(inputs or {}, self.problem.inputs_measured)
         known = self.problem.measured
         return {m.signal: self._expected(m.value, log, self.vector)[0] for m in known}
@@ -226,7 +245,10 @@ class KalmanFilter:
     def predict(
         self, inputs: Mapping[str, ArrayLike] | None = None, *, around: Array | None = None
     ) -> FilterStatus:
-        """Goes on to t+1, with the inputs that act from t on; `around` is as in `correct`."""
+        """Predicts the estimate at t+1, with the inputs that act from t on; `around` as for
+        `correct`. Returns the status; if it is not FILTERED, the estimate is unchanged. Raises
+        ValueError for wrong inputs.
+        """
         log = self._log(inputs or {}, {m.name for m in self.problem.inputs.members})
         if _is_not_finite(log):
             return FilterStatus.INPUT_NOT_FINITE
@@ -250,7 +272,7 @@ class KalmanFilter:
         return FilterStatus.FILTERED
 
     def within(self, vector: Array) -> Array:
-        """ξ with its parameters kept within their bounds."""
+        """A copy of a vector ξ with its parameters clipped to their limits."""
         found = vector.copy()
         for name, numbers in self.problem.parameters.items():
             member = self.numbers.member(name)
@@ -278,7 +300,7 @@ class KalmanFilter:
         return bool(np.all(self.is_known))
 
     def _places(self) -> NDArray[np.int64]:
-        """The positions of the elements of ξ among the variables of the derivatives."""
+        """The index of each element of ξ among the variables of the derivatives."""
         known = self._derivatives.variables
         parts = [np.arange(m.size) + known.member(m.name).first for m in self.numbers.members]
         return np.concatenate([*parts, np.empty(0, int)]).astype(np.int64)
@@ -289,7 +311,7 @@ class KalmanFilter:
         return np.concatenate([*parts, np.empty(0, int)]).astype(np.int64)
 
     def _evaluated(self, log: Mapping[str, Array], vector: Array) -> tuple[dict[str, Array], Array]:
-        """Results, and their slopes by ξ."""
+        """The results of a step at the vector ξ, by name, and their Jacobian with respect to ξ."""
         found = self._judge.values(log, 0, by_name(self.numbers, vector[None]))
         results = {name: value[0] for name, value in found.results.items()}
         return results, found.matrices["J"][0][:, self._columns]
@@ -299,7 +321,7 @@ class KalmanFilter:
         return results[value], jacobian[self._rows([value])]
 
     def _log(self, inputs: Mapping[str, ArrayLike], wanted: Collection[str]) -> dict[str, Array]:
-        """One row of each port; fills registers that nothing is known of."""
+        """The rows of `input_rows`; also fills registers of inputs that have no value yet."""
         problem = self.problem
         log = input_rows(problem, inputs, wanted)
         for name, origin in problem.registers.items():
@@ -314,7 +336,9 @@ class KalmanFilter:
         return self.problem.states.member(register).axes[-1].size
 
     def _register(self, name: str, value: Array) -> tuple[str, Array]:
-        """The state that a name stands for, and its value: a fed-back signal's is its register."""
+        """The state that a name means, and its value: a fed-back signal means its register, which
+        repeats the value. Raises ValueError for an unknown name and another shape.
+        """
         tapes = {
             origin.signal: register
             for register, origin in self.problem.registers.items()
@@ -353,7 +377,9 @@ class KalmanFilter:
 
 
 def _joseph(covariance: Array, row: Array, variance: Any) -> tuple[Array, Array]:
-    """The gain of one number with the slope `row`, and the covariance once it is known."""
+    """The Kalman gain of one scalar measurement with the Jacobian `row` and the noise `variance`,
+    and the covariance after it (Joseph form).
+    """
     gain: Array = covariance @ row
     # one number at a time, so that s is a number and no system is to be solved
     gain = gain / (row @ gain + variance)

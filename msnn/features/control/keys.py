@@ -56,7 +56,9 @@ Mode: TypeAlias = Literal["converged", "fixed"]
 
 
 def _read_limit(node: Node, findings: Findings) -> Quantity | Expression:
-    """A number, a quantity such as `2 mm`, or an expression of references."""
+    """A number, a quantity such as `2 mm`, or else an expression of references. Mistakes are
+    reported, then RefusedError is raised.
+    """
     # a number with or without a unit; anything else is an expression of references
     if isinstance(node, Scalar) and (
         split_quantity(node) is not None or type(node.value) in (int, float)
@@ -112,10 +114,11 @@ class ControlCost(Entry):
 
 
 class SoftBound(Entry):
-    """The cost of violating a bound, in the unit of the bounded value; defaults follow the cost.
+    """The cost of violating a bound, per unit of the bounded value; by default it follows from the
+    cost.
 
     A `linear` part above the multiplier of the bound makes the penalty exact: the bound holds
-    wherever it can be held.
+    wherever that is possible.
     """
 
     noun: ClassVar[str] = "a soft bound"
@@ -129,7 +132,7 @@ class SoftBound(Entry):
 class ControlBound(Entry):
     """Limits of a control, state, output or equation along the horizon.
 
-    Those of controls, and their `rate`, always hold. All others are soft unless `hard: true`.
+    Limits of controls, and their `rate`, always hold. All others are soft unless `hard: true`.
     """
 
     noun: ClassVar[str] = "a bound"
@@ -171,7 +174,7 @@ class ControlReference(Entry):
 
 
 class InteriorPoint(Entry):
-    """A primal-dual interior-point method on the exact curvature of the problem."""
+    """A primal-dual interior-point method with exact second derivatives of the problem."""
 
     noun: ClassVar[str] = "the interior_point solver"
 
@@ -308,7 +311,7 @@ class Estimator(OneOf):
 
     @property
     def choice(self) -> KalmanFilter | MovingHorizon:
-        """The one that is given."""
+        """The settings of the chosen estimator."""
         # `OneOf` has seen to it that exactly one is given
         chosen = self.ekf or self.mhe
         assert chosen is not None
@@ -319,11 +322,12 @@ OnlineExtra: TypeAlias = Literal["fmu"]
 
 
 class MpcExport(FloatTargetEntry):
-    """The controller of the `mpc` section and the filter of the `estimator`, where there are any.
+    """The controller of the section `mpc` and the filter of the section `estimator`, of those that
+    the spec has.
 
-    Names start with `prefix`, by default the spec's name. What is controlled, measured and fed
-    back stands in those sections: `outputs` and `close` are none of its keys. `with: fmu` adds
-    units for co-simulation of what is written.
+    Names start with `prefix`, by default the spec's name. The sections define the controlled,
+    measured and fed-back signals, so the keys `outputs` and `close` are not allowed here. `with:
+    fmu` adds units for co-simulation.
     """
 
     noun: ClassVar[str] = "the mpc export"

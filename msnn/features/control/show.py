@@ -17,7 +17,7 @@ from msnn.tables import count, table_text
 
 
 def control_text(problem: ControlProblem) -> str:
-    """Tables of the controller's controls, inputs and memory."""
+    """The sizes, inputs, limits and solver of a controller as text, for `msnn show`."""
     sections = [_sizes(problem), _given(problem), _limits(problem), _solver(problem)]
     return "\n\n".join(section for section in sections if section)
 
@@ -146,7 +146,9 @@ def _structure(problem: ControlProblem) -> str:
 
 
 def estimation_text(problem: EstimationProblem) -> str:
-    """Tables of measurements and estimates, and the solver of a window."""
+    """The sizes, measurements and estimates of an estimator as text, and the solver of a window,
+    for `msnn show`.
+    """
     parts = [_estimator_sizes(problem), _measured(problem), _found(problem)]
     if problem.window is not None:
         parts.append(_window_solver(problem))

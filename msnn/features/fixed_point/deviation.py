@@ -36,7 +36,9 @@ class ExactSteps:
 
 
 class ExactStepper:
-    """A program in step form whose inputs and states have the values of given words."""
+    """Computes steps of a program in step form in float64, for inputs and states with the values of
+    given words.
+    """
 
     def __init__(self, program: Program, weights: Mapping[str, NDArray[Any]]) -> None:
         self._program = program
@@ -53,7 +55,8 @@ class ExactStepper:
     def steps(
         self, inputs: Mapping[str, Reals], states: Mapping[str, Reals], count: int
     ) -> ExactSteps:
-        """Computes `count` independent steps; inputs, states and results are (count, *shape).
+        """Computes `count` independent steps; inputs, states and results are (count, *shape) by
+        name.
 
         The integer program omits values multiplied by 0: such an input is set to a value in its
         range, such a state to 0.
@@ -80,7 +83,8 @@ class ExactStepper:
         )
 
     def start(self, windows: Mapping[str, Reals], firsts: Mapping[str, int]) -> Mapping[str, Reals]:
-        """The first states, (1, *shape), from windows that begin at `firsts`.
+        """The first states by name, (1, *shape), from `windows`, (*shape, samples) by name, whose
+        oldest samples are at `firsts`.
 
         `firsts` is relative to the first step. The states are not limited to their ranges.
         """
@@ -106,7 +110,9 @@ class ExactStepper:
     def _series(
         self, signal: Signal, values: Reals | None, count: int, back: int, length: int
     ) -> Reals:
-        """A series in which each step reads its own rows."""
+        """A series of a signal in which each of `count` steps reads its own `length` rows, with
+        `back` rows before its sample at t. `values` are (count, *shape) or None.
+        """
         shape = tuple(axis.size for axis in signal.axes)
         series = np.full((count, length, *shape), _low_end(signal))
         if values is not None:
@@ -161,7 +167,9 @@ HELD = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputError:
-    """The error of one output, and the span of its values in float64."""
+    """The error of one output against float64 (largest and root mean square), and the span of its
+    values.
+    """
 
     name: str
     largest: float
@@ -172,14 +180,15 @@ class OutputError:
 
     @property
     def relative(self) -> float:
-        """The largest error divided by the span."""
+        """The largest error divided by the span; 0 if the span is 0."""
         return self.largest / self.span if self.span else 0.0
 
 
 def output_errors(
     program: Program, weights: Mapping[str, NDArray[Any]], integers: IntegerProgram
 ) -> tuple[OutputError, ...]:
-    """Errors over closed-loop runs from random pasts with inputs drawn from their full range.
+    """The errors of each output, over closed-loop runs of both interpreters from random pasts with
+    inputs drawn from their full range.
 
     Both programs run on the same words. The span of an output is the declared range of the signal
     that it predicts, else the range of its values.
@@ -216,7 +225,7 @@ def output_errors(
 
 @dataclass(slots=True, kw_only=True)
 class ErrorSpread:
-    """Accumulates statistics of an output's error."""
+    """Accumulates the error of one output over several runs."""
 
     name: str
     steps: int = 0
@@ -227,7 +236,7 @@ class ErrorSpread:
     high: float = -math.inf
 
     def add(self, exact: NDArray[Any], found: NDArray[Any]) -> None:
-        """Adds values (steps, …) in float64 and those of words."""
+        """Adds the values of steps, (steps, …): `exact` in float64, `found` those of words."""
         errors = found - exact
         self.steps += len(exact)
         self.numbers += errors.size
@@ -237,7 +246,9 @@ class ErrorSpread:
         self.high = max(self.high, float(exact.max()))
 
     def error(self, program: Program) -> OutputError:
-        """The accumulated error; its span is the declared range of the predicted signal, if any."""
+        """The accumulated error; its span is the declared range of the predicted signal, else that
+        of the values.
+        """
         limits = _ranges(program).get(self.name)
         low, high = (self.low, self.high) if limits is None else limits
         rms = math.sqrt(self.squares / self.numbers)

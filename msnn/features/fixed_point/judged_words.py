@@ -44,7 +44,8 @@ def judged_words(
     judged: Judgement,
     most_steps: int,
 ) -> Judgement:
-    """Runs the integer program for the inputs of `judged`, rounded to words.
+    """Runs the integer program for the inputs of the simulation `judged`, rounded to words of the
+    `format`, `q15` or `q31`; returns its results as a Judgement with proved error bounds.
 
     It stops after `most_steps` steps. All arrays contain the real values of the words, which
     float64 represents exactly. Windows have the extent of those of the export; inputs that the
@@ -93,7 +94,9 @@ class _Run:
 
     @staticmethod
     def of(integers: IntegerProgram, windows: Words, inputs: Sequence[Words]) -> _Run:
-        """Runs the interpreter from the flat words around the first step."""
+        """Runs the interpreter from `windows`, the flat words around the first step, with the
+        `inputs` of each step.
+        """
         state = reset(integers, windows)
         memories, outputs = [state.memories], list[Words]()
         for words in inputs:
@@ -108,7 +111,8 @@ class _Run:
 
 
 def _proof(stepper: ExactStepper, integers: IntegerProgram, along: _Run) -> Proof:
-    """The same steps and first states in float64, with the proved error bounds.
+    """The steps and the first states of the run `along`, compared with the same ones in float64,
+    and the proved error bounds.
 
     Further runs follow in which both sides of comparisons are equal. Recordings rarely contain
     equality, and `<` differs from `<=` nowhere else.
@@ -126,7 +130,9 @@ def _proof(stepper: ExactStepper, integers: IntegerProgram, along: _Run) -> Proo
 def _both(
     stepper: ExactStepper, integers: IntegerProgram, run: _Run
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """The values of a run and of the same steps in float64, by their names in messages."""
+    """The outputs, next and first states of a run, and those of the same steps in float64, by their
+    names in messages.
+    """
     count = len(next(iter(run.outputs.values())))
     begun = {name: values[:1] for name, values in run.states.items()}
     before = {name: values[:count] for name, values in run.states.items()}
@@ -148,7 +154,9 @@ def _joined(parts: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[An
 
 
 def _bounds(integers: IntegerProgram) -> dict[str, float]:
-    """The error bound of every value: the proved bound plus the float64 rounding error."""
+    """The error bound of every output, next and first state, by its name in messages: the proved
+    bound plus the float64 rounding error.
+    """
     ends = {port.name: _ends(port) for port, _ in integers.outputs}
     kept = {memory.name: _ends(memory) for memory in integers.memories}
 
@@ -166,7 +174,7 @@ def _bounds(integers: IntegerProgram) -> dict[str, float]:
 
 
 def _ends(words: WordPort | IntegerMemory) -> tuple[float, float]:
-    """The real values of the smallest and the largest word."""
+    """The real values of the smallest and the largest word of a port or memory."""
     return math.ldexp(words.low, -words.fraction), math.ldexp(words.high, -words.fraction)
 
 
@@ -180,12 +188,12 @@ def _run(
 
 
 def _words(port: WordPort, values: NDArray[Any], *steps: int) -> NDArray[np.int64]:
-    """The nearest words within the range, (*steps, *shape)."""
+    """The words of a port that are nearest to real values, within the range, (*steps, *shape)."""
     # to the nearest word, and within the words that there are
     words = np.clip(np.rint(np.ldexp(values, port.fraction)), port.low, port.high)
     return words.reshape(*steps, *(axis.size for axis in port.axes)).astype(np.int64)
 
 
 def _numbers(words: WordPort | IntegerMemory, values: NDArray[Any]) -> NDArray[np.float64]:
-    """The real values of words."""
+    """The real values of the words of a port or memory, in the same shape."""
     return np.ldexp(values.astype(np.float64), -words.fraction)

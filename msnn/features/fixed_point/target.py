@@ -103,7 +103,9 @@ def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """The scales and limits of the words of a struct."""
+    """The scales and limits of the words of a struct, as its fields in the JSON description by
+    name.
+    """
 
     fields: Mapping[str, Mapping[str, Any]]
 
@@ -132,9 +134,10 @@ class _Scale:
 def _judge(
     plan: ExportPlan[None], weights: Weights, record: AgreementRecord, dtype: NumberType
 ) -> Judgement:
-    """Runs the integer interpreter over the inputs of the float64 interpreter.
+    """The expected results of the export: those of the integer interpreter for the inputs of the
+    float64 interpreter.
 
-    For `float64` it returns the float64 run itself.
+    For the `dtype` float64 it returns the float64 run itself.
     """
     # inputs and states of the record as numbers: words are made of these
     floating = interpreted(plan, weights, record, "float64")
@@ -146,7 +149,9 @@ def _judge(
 
 
 def _faults(plan: ExportPlan[None]) -> tuple[Diagnostic, ...]:
-    """Reports why the model cannot be exported in fixed point with its initial weights."""
+    """The diagnostics that keep the model from an export in fixed point with its initial weights;
+    empty if it can be exported.
+    """
     from compiler.interpreter.interpreter import physical_weights
     from msnn.features.fixed_point.compile.compile_integers import integer_program
     from msnn.features.fixed_point.integers.program import WIDTHS
@@ -159,7 +164,7 @@ def _faults(plan: ExportPlan[None]) -> tuple[Diagnostic, ...]:
 
 
 def _error_table(plan: ExportPlan[None], folder: Path) -> str:
-    """Tables of the errors against float64 that the export in a folder has recorded.
+    """Two tables of the errors against float64, as text, from the export in `folder`.
 
     The first lists measured errors over many steps, the second the proved maximum per step.
     """

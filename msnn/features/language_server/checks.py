@@ -29,7 +29,7 @@ _LONGEST = 60.0
 
 @dataclass(eq=False, kw_only=True)
 class OpenText:
-    """A text in an editor, and the results of its last check."""
+    """A text in an editor, and the results of its last check, which may be of an older version."""
 
     path: str
     source: SourceText
@@ -46,7 +46,9 @@ class OpenText:
 
     @property
     def view(self) -> View:
-        """The text with the known names of its model, cached per text."""
+        """The current text with the names known from the last compiled model; cached until one of
+        them changes.
+        """
         view = self._view
         if view is None or view.source is not self.source or view.knowledge is not self.knowledge:
             view = self._view = View(self.source, self.knowledge)
@@ -54,7 +56,11 @@ class OpenText:
 
 
 class Checks:
-    """The open texts by URI, and one process that checks them in turn."""
+    """The open texts by URI, and one process that checks them in turn.
+
+    `publish` is called with URI and text after each check, `complain` with a message for the user
+    if a check fails.
+    """
 
     def __init__(
         self, publish: Callable[[str, OpenText], None], complain: Callable[[str], None]
@@ -68,7 +74,10 @@ class Checks:
         self._changed = asyncio.Event()
 
     def put(self, address: str, path: str, text: str, version: int | None) -> None:
-        """Opens or replaces a text; schedules checks of it and of texts that use it."""
+        """Opens or replaces the text with the URI `address`; schedules checks of it and of the
+        texts that use its file. `path` is that of the file, `version` the editor's number of the
+        text.
+        """
         opened, pause = self.texts.get(address), PAUSE
         if opened is None:
             pause = 0.0
@@ -79,7 +88,9 @@ class Checks:
         self._ask(opened, time.monotonic() + pause)
 
     def close(self, address: str) -> None:
-        """Removes a text; its file on disk is used again."""
+        """Removes the text with the URI `address`; texts that use its file are checked again, with
+        the saved file.
+        """
         # before asking: those that use it read its file then, not what was typed
         closed = self.texts.pop(address, None)
         if closed is not None:
@@ -92,13 +103,15 @@ class Checks:
         self._changed.set()
 
     def end(self) -> None:
-        """Ends the process and the loop."""
+        """Kills the process that checks texts, and ends `run`."""
         self._is_over = True
         self._thread.shutdown(wait=True, cancel_futures=True)
         self._process.stop()
 
     async def run(self) -> None:
-        """Runs scheduled checks until the server ends."""
+        """Runs scheduled checks one after the other until `end` is called. Errors of a check are
+        reported to `complain`.
+        """
         loop = asyncio.get_running_loop()
         # while the editor still shows the file: the first check then finds a process ready
         loop.run_in_executor(self._thread, self._process.start)
@@ -153,7 +166,9 @@ class Checks:
         return self._is_over or is_stale or took > _LONGEST
 
     def _ask(self, changed: OpenText, due: float) -> None:
-        """Schedules checks of a text and of every text that reads it."""
+        """Schedules checks of a text at the time `due`, and of every open text whose last check
+        read its file.
+        """
         real = _real(changed.path)
         changed.due = due
         for opened in self.texts.values():
@@ -203,7 +218,11 @@ class CheckProcess:
         unsaved: Mapping[str, str],
         gives_up: Callable[[], bool],
     ) -> Examined:
-        """See `examine.examine`; CheckEndedError if `gives_up` returns True or the process dies."""
+        """Runs `examine` of `knowledge.py` in the process, which it starts if necessary.
+
+        `gives_up` is called every `_POLL` seconds. Raises CheckEndedError if it returns True, if
+        the process dies, or if msnn fails with an internal error.
+        """
         try:
             self.start()
             self._pipe.send((path, text, dict(unsaved)))
@@ -217,7 +236,7 @@ class CheckProcess:
             raise CheckEndedError("the process that checks specs ended") from error
 
     def stop(self) -> None:
-        """Kills the process."""
+        """Kills the process and closes the pipe, if it runs."""
         if self._process is not None:
             # SIGKILL: a check that runs away in C code hears nothing else
             self._process.kill()
@@ -234,7 +253,9 @@ class CheckProcess:
 
 
 def _answer(pipe: Any) -> None:
-    """Checks received texts until the pipe is closed."""
+    """Checks each text received from the pipe and sends the result, until the pipe is closed. Runs
+    in the separate process.
+    """
     os.dup2(2, 1)  # the standard output is the editor's
     with suppress(EOFError, OSError):  # the server is gone
         while True:

@@ -57,7 +57,9 @@ _CALLED = (Kind.LAYER, Kind.FUNCTION)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
-    """A proposal: its label, and the text that replaces the current word."""
+    """A proposal: its label, the text that replaces the current word, and for the documentation the
+    name or text `about`.
+    """
 
     label: str
     kind: ItemKind
@@ -67,14 +69,14 @@ class Item:
 
     @property
     def doc(self) -> str:
-        """Documentation in Markdown."""
+        """Documentation in Markdown; empty if there is none."""
         return name_text(self.about) if isinstance(self.about, Known) else self.about
 
 
 @dataclass(frozen=True)
 class Completion:
-    """The proposals at a position, and the range that they replace; `is_whole` is false if some are
-    missing.
+    """The proposals at a position, and the range of the text that each would replace. `is_whole` is
+    False if there are more than `MOST`.
     """
 
     items: tuple[Item, ...]
@@ -83,7 +85,9 @@ class Completion:
 
 
 def complete(view: View, position: Position) -> Completion | None:
-    """The proposals for a position; None if any text is valid."""
+    """The proposals for a position: keys, names, units or words, by the schema of that place. None
+    in a comment, and where the schema has no names or fixed words.
+    """
     if view.is_comment(position):
         return None
     cursor = view.cursor(position)
@@ -133,7 +137,9 @@ def _chosen(
     view: View,
     position: Position,
 ) -> Completion:
-    """The proposals with the typed prefix; exact case comes first."""
+    """The items that begin with the typed part of the word, in any case; those with the same case
+    come first. `character` matches one character of such a word.
+    """
     typed = cursor.before[_start_of_word(cursor.before, character) :]
     folded = typed.casefold()
     kept = [item for item in items if item.label.casefold().startswith(folded)]
@@ -147,7 +153,9 @@ def _chosen(
 
 
 def _start_of_word(text: str, character: re.Pattern[str]) -> int:
-    """The start of the longest suffix that consists of these characters."""
+    """The index at which the longest suffix of `text` begins whose characters all match
+    `character`.
+    """
     start = len(text)
     while start and character.fullmatch(text[start - 1]):
         start -= 1
@@ -176,7 +184,9 @@ def _keys(place: SchemaPlace, view: View, position: Position) -> Iterator[Item]:
 
 
 def _named_keys(gathering: Gathering | None, view: View) -> Iterator[Known]:
-    """The declared names that may be keys here; none where keys are new names."""
+    """The declared names that may be keys here: signals and states, or members of sub-models. None
+    where keys are new names. `gathering` is the reader of these keys.
+    """
     if gathering is None or gathering.schema is declarations:
         return
     of_parts = gathering.schema is member_keys
@@ -270,7 +280,9 @@ def _members(base: str, view: View) -> Iterator[Item]:
 
 
 def _keywords(before: str) -> Iterator[Item]:
-    """The keywords of the builtin whose call encloses the position."""
+    """The keywords of the built-in function whose call encloses the end of `before`, the formula up
+    to the position; none outside such a call.
+    """
     depth = 0
     # backwards to the bracket that is open at the place
     for at in range(len(before) - 1, -1, -1):

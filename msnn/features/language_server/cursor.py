@@ -29,8 +29,9 @@ _FURTHEST_FLOW = 60
 class Cursor:
     """A position in a spec.
 
-    `path` leads to the mapping that contains a key, or to a value. `before` is its text before the
-    position. On an empty line `is_key` is true, although a value may follow.
+    `path` leads to the mapping that contains a key, or to a value; a step is a key, or ITEM for an
+    item of a list. `before` is the text of the key or value before the position. On an empty line
+    `is_key` is True, although a value may follow.
     """
 
     path: tuple[str, ...]
@@ -40,7 +41,9 @@ class Cursor:
 
 @dataclass
 class _Bracket:
-    """An open bracket and its contents before the position."""
+    """An open bracket: a mapping or a list, the key of the current pair, and the index at which the
+    text after the last separator begins.
+    """
 
     is_map: bool
     key: str | None = None
@@ -48,7 +51,9 @@ class _Bracket:
 
 
 def cursor_at(source: SourceText, line: int, column: int) -> Cursor:
-    """The path and text at a position; line and column are in characters from zero."""
+    """The keys that lead to a position and the text before it; line and column count characters
+    from zero. Invalid YAML is allowed.
+    """
     text = source.line(line + 1)
     inside = _in_flow(source, line, column)
     if inside is not None:
@@ -74,7 +79,9 @@ def cursor_at(source: SourceText, line: int, column: int) -> Cursor:
 
 
 def _in_flow(source: SourceText, line: int, column: int) -> Cursor | None:
-    """The position within `{ }` or `[ ]` opened on this line or above; None outside brackets."""
+    """The cursor if the position is within `{ }` or `[ ]` that open on this line or at most
+    `_FURTHEST_FLOW` lines above; None outside brackets.
+    """
     if source.text.startswith("{"):  # JSON, or a text in its manner
         # JSON is all brackets: from its first line on
         lines = [source.line(number + 1) for number in range(line)]
@@ -109,7 +116,9 @@ def _in_flow(source: SourceText, line: int, column: int) -> Cursor | None:
 
 
 def _open(text: str) -> list[_Bracket]:
-    """The brackets that are open at the end of a text, which starts with one."""
+    """The brackets that are open at the end of `text`, outermost first. Empty once the first
+    bracket is closed, with which the text starts.
+    """
     brackets: list[_Bracket] = []
     for found in _FLOW.finditer(text):
         match found.group():
@@ -141,7 +150,11 @@ def _within(above: tuple[str, ...], brackets: list[_Bracket], text: str) -> Curs
 def _parents(
     source: SourceText, line: int, found: re.Match[str], column: int | None = None
 ) -> tuple[str, ...]:
-    """The path to the parent of a key, or of the text at a column."""
+    """The path to the mapping or list that contains a line: keys and ITEM, outermost first.
+
+    `found` is the match of `_BLOCK` on the line. `column` is the indentation of the text, if it is
+    not that of the line's key.
+    """
     # what contains a line is indented less: upwards, each key left of the last one is the next
     # parent
     limit = found.end("dashes") if column is None else column
@@ -170,12 +183,16 @@ def _parents(
 
 
 def _items(found: re.Match[str], steps: list[str]) -> tuple[list[str], int, bool]:
-    """The steps extended by lists that begin on a line, and its indentation."""
+    """`steps` with one ITEM for each dash of a line, the indentation of the line, and True since it
+    is an item of a list. `steps` begin with the innermost.
+    """
     return [*steps, *[ITEM] * found["dashes"].count("-")], len(found["indent"]), True
 
 
 def _continued(source: SourceText, line: int, column: int) -> bool:
-    """True if a line without a key continues a text from above."""
+    """True if a line without a key, whose text begins at `column`, continues a value that a less
+    indented line above begins.
+    """
     for number in range(line, 0, -1):
         text = source.line(number)
         written = text.lstrip(" ")
@@ -224,7 +241,7 @@ _IN_FLOW = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """A key of the text: position from zero, and the last line of its value."""
+    """A key of the text: its line and column from zero, and the last line of its value."""
 
     name: str
     line: int
@@ -239,19 +256,19 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class OutlineSection:
-    """A section and the keys directly below it."""
+    """A section such as `states:`, and the keys directly below it."""
 
     heading: Heading
     entries: tuple[Heading, ...]
 
     @property
     def kind(self) -> Kind | None:
-        """The kind of names that its keys declare; None for other keys."""
+        """The kind of names that its keys declare; None for a section that declares none."""
         return KINDS.get(self.heading.name)
 
 
 def outline(source: SourceText) -> tuple[OutlineSection, ...]:
-    """The sections of a text in order."""
+    """The sections of a text in order, found by indentation; invalid YAML is allowed."""
     found = list(_SECTION.finditer(source.text))
     ends = [*(section.start() for section in found), len(source.text)][1:]
     return tuple(
@@ -264,7 +281,9 @@ def outline(source: SourceText) -> tuple[OutlineSection, ...]:
 
 
 def _entries(section: re.Match[str], end: int, source: SourceText) -> Iterator[Heading]:
-    """The keys of the first indentation below a section, or in its `{ }`."""
+    """The keys of the first indentation below a section, or in its `{ }`. `section` is the match of
+    its key, `end` the offset of the next section.
+    """
     first = _BELOW.search(source.text, section.end(), end)
     if first is None:
         yield from _headings_in_flow(section, source.position(section.start())[0] - 1)
@@ -288,7 +307,9 @@ def _headings_in_flow(section: re.Match[str], line: int) -> Iterator[Heading]:
 
 
 def _heading(key: str, start: int, end: int, source: SourceText) -> Heading:
-    """A key at an offset whose value ends before `end`."""
+    """The heading of a key at the offset `start` of the text, whose value ends before the offset
+    `end`.
+    """
     line, column = source.position(start)
     # `end` begins the next key: its line, counted from one, less that line and the count
     last = source.position(end)[0] - (2 if end < len(source.text) else 1)

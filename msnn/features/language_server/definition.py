@@ -13,14 +13,16 @@ from spec_schema.registry import PARTS
 
 @dataclass(frozen=True)
 class Definition:
-    """The place of a declaration: a file, and a range in it."""
+    """The place of a declaration: the path of a file, and a range in it."""
 
     path: str
     range: TextRange
 
 
 def definition(view: View, position: Position) -> Definition | None:
-    """The declaration of the name at a position, also in a sub-model's file."""
+    """The declaration of the name at a position, also in a sub-model's file, or the start of a file
+    that `use:` names there. None if there is neither.
+    """
     cursor = view.cursor(position)
     file = _used_file(view, cursor.path, position) if not cursor.is_key else None
     if file is not None:
@@ -40,7 +42,11 @@ def definition(view: View, position: Position) -> Definition | None:
 
 
 def _used_file(view: View, path: tuple[str, ...], position: Position) -> str | None:
-    """The file of a sub-model: `use: {plant: plant.msnn.yaml}`, or its key `spec` or `urdf`."""
+    """The path of the sub-model's or part's file that is named on the line of `position`: `use:
+    {plant: plant.msnn.yaml}`, or its key `spec` or `urdf`. None if no such file exists.
+
+    `path` are the keys that lead to the position.
+    """
     # `use: {plant: FILE}` and `use: {plant: {spec: FILE}}`
     if path[:1] != ("use",) or (len(path) > 2 and path[-1] not in _KEYS_OF_FILES):
         return None

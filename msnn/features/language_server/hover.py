@@ -32,14 +32,14 @@ _OF_SIGNALS = {
 
 @dataclass(frozen=True)
 class Hover:
-    """A description in Markdown, and the range of the text that it is about."""
+    """A description in Markdown, and the range of the name or key that it is about."""
 
     text: str
     range: TextRange
 
 
 def hover(view: View, position: Position) -> Hover | None:
-    """The description for a position; None if there is none."""
+    """The description of the key, name, function or unit at a position; None if there is none."""
     word = view.word(position)
     if word is None or view.is_comment(position):
         return None
@@ -88,7 +88,9 @@ def _of_name(name: str, view: View) -> str | None:
 
 
 def name_text(known: Known) -> str:
-    """A description of a name of the model, in Markdown."""
+    """A description of a name of the model, in Markdown: kind, type, unit, samples that are read,
+    doc.
+    """
     return "\n\n".join([f"**{known.name}**, {known.kind.value}", *_facts(known)])
 
 
@@ -120,7 +122,7 @@ def function_text(name: str, signature: Signature) -> str:
 
 
 def unit_text(text: str) -> str | None:
-    """The description of a unit in SI units."""
+    """A unit in SI base units, such as `**km** = 1000 m`; None if the text is no unit."""
     try:
         unit = parse_unit(text)
     except UnitError:

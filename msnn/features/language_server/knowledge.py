@@ -24,7 +24,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """A name of the model: its kind, place, and what the compiler knows of it."""
+    """A name of the model: its kind, place, and the facts that the compiler knows about it."""
 
     name: str
     kind: Kind
@@ -52,7 +52,7 @@ class Knowledge:
 
 
 def knowledge_of(model: Model) -> Knowledge:
-    """The information about a model that compiles."""
+    """The names of a compiled model with their facts, and the texts of its files."""
     reads = _samples_read(model)
     # findings are thrown away: the model has compiled, and its check has told them
     scope = Scope(model.spec, Findings())
@@ -116,7 +116,9 @@ def _unit(unit: Located[Unit] | None) -> Unit | None:
 
 
 def _samples_read(model: Model) -> dict[str, str]:
-    """Texts by signal: `t-4 … t in the step, t+1 in losses`."""
+    """The samples of each signal that the step, losses and start read, as text: `t-4 … t in the
+    step, t+1 in losses`.
+    """
     program = model.program
     parts = (
         ("the step", extents(program.step, log=False), "t"),
@@ -132,7 +134,9 @@ def _samples_read(model: Model) -> dict[str, str]:
 
 
 def members(names: Mapping[str, Known], base: str) -> Iterator[Known]:
-    """The names directly below a sub-model."""
+    """The names directly below the sub-model `base`, such as `plant.k` for `plant`, but not
+    `plant.a.k`.
+    """
     start = f"{base}."
     for name, known in names.items():
         if name.startswith(start) and "." not in name[len(start) :]:
@@ -141,7 +145,9 @@ def members(names: Mapping[str, Known], base: str) -> Iterator[Known]:
 
 @dataclass(frozen=True)
 class Examined:
-    """The result of a check: the diagnostics of a text, and its names if the model compiles."""
+    """The result of a check: errors or warnings of a text, and its names; `knowledge` is None if
+    the model does not compile.
+    """
 
     diagnostics: tuple[Diagnostic, ...]
     sources: Mapping[str, SourceText] = field(default_factory=dict[str, SourceText])
@@ -150,9 +156,10 @@ class Examined:
 
 
 def examine(path: str, text: str, unsaved: Mapping[str, str]) -> Examined:
-    """Runs `msnn check` on `text` at `path`.
+    """Runs `msnn check` on `text` as the contents of the file `path`. Errors of the spec are in the
+    result.
 
-    `unsaved` maps real paths to texts that replace saved files.
+    `unsaved` maps real paths of other files to texts that are used instead of the saved ones.
     """
     try:
         model = checked_model(Path(path), text=text, unsaved=unsaved)

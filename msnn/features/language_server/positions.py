@@ -20,7 +20,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class TextRange:
-    """A range of a text, with exclusive end."""
+    """A range of a text between two positions; `end` is exclusive."""
 
     start: Position
     end: Position
@@ -35,14 +35,18 @@ START = TextRange(Position(0, 0), Position(0, 0))
 
 
 def range_of(span: Span, source: SourceText | None) -> TextRange:
-    """The range of a span; without its text, each character counts as one unit."""
+    """The range of a span in the text `source` of its file. If `source` is None, each character
+    counts as one unit.
+    """
     return TextRange(
         _position(span.line, span.column, source), _position(span.end_line, span.end_column, source)
     )
 
 
 def offset_of(position: Position, source: SourceText) -> tuple[int, int]:
-    """Line and column in characters from zero, clipped to the text."""
+    """Line and column of a position in characters from zero; a position beyond the text becomes its
+    end or that of the line.
+    """
     # an editor may ask about a text that it has changed meanwhile
     if position.line >= source.line_count:
         line = source.line_count - 1

@@ -13,7 +13,7 @@ from spec_schema.diagnostics.source import Span
 
 @dataclass(frozen=True)
 class Related:
-    """A further place of a problem, possibly in another file."""
+    """A further place of a problem, possibly in another file, and a text about it."""
 
     path: str
     range: TextRange
@@ -22,7 +22,9 @@ class Related:
 
 @dataclass(frozen=True)
 class Problem:
-    """A diagnostic as shown in one file."""
+    """A diagnostic as an editor shows it in one file: underlined range, text with notes and help,
+    and related places.
+    """
 
     diagnostic: Diagnostic
     range: TextRange
@@ -32,7 +34,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Repair:
-    """A quick fix: the text that replaces the range of a problem."""
+    """A quick fix: `text` replaces the range of the problem; `title` is shown to the user."""
 
     problem: Problem
     title: str
@@ -40,15 +42,18 @@ class Repair:
 
 
 def problems_of(examined: Examined, path: str) -> tuple[Problem, ...]:
-    """One problem per diagnostic, for the file at `path`.
+    """One problem per diagnostic of a check, for the file at `path`.
 
-    A diagnostic in the file of a sub-model is shown at its use.
+    A diagnostic in the file of a sub-model is shown at its use, or at the start of the text if that
+    is unknown.
     """
     return tuple(_problem(diagnostic, examined, path) for diagnostic in examined.diagnostics)
 
 
 def repairs_of(problems: tuple[Problem, ...], path: str, chosen: TextRange) -> Iterator[Repair]:
-    """The quick fixes for problems in a selection."""
+    """The quick fixes for the problems whose place is in the file `path` and touches the range
+    `chosen`.
+    """
     for problem in problems:
         diagnostic = problem.diagnostic
         is_here = diagnostic.span is not None and diagnostic.span.file == path

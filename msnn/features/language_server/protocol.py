@@ -31,7 +31,9 @@ def range_to(range: TextRange) -> types.Range:
 
 
 def diagnostic_of(problem: Problem) -> types.Diagnostic:
-    """A diagnostic with its code, and further places as related information."""
+    """A problem in the type of the protocol, with its code, and further places as related
+    information.
+    """
     related = [
         types.DiagnosticRelatedInformation(
             types.Location(_address(place.path), range_to(place.range)), place.label
@@ -49,7 +51,7 @@ def diagnostic_of(problem: Problem) -> types.Diagnostic:
 
 
 def action_of(repair: Repair, address: str) -> types.CodeAction:
-    """A quick fix as an edit of the text with this URI."""
+    """A quick fix in the type of the protocol, as an edit of the text with the URI `address`."""
     edit = types.TextEdit(range_to(repair.problem.range), repair.text)
     return types.CodeAction(
         title=repair.title,
@@ -74,7 +76,7 @@ def completion_list(found: Completion) -> types.CompletionList:
 
 
 def symbols_of(view: View) -> list[types.DocumentSymbol]:
-    """The sections of a text with their names."""
+    """The sections of a text with the keys below them, for the outline of an editor."""
     return [_section(section, view) for section in view.outline]
 
 

@@ -15,7 +15,9 @@ from spec_schema.sections.spec import Spec
 
 @dataclass(frozen=True)
 class SchemaPlace:
-    """The schema at a place of a spec: the type and annotations of its value, and its key."""
+    """The schema at a place of a spec: the type of its value, the annotations of that type, and its
+    key.
+    """
 
     kind: Kind
     notes: tuple[Any, ...] = ()
@@ -25,17 +27,19 @@ class SchemaPlace:
 
     @property
     def entry(self) -> type[Entry] | None:
-        """The mapping class, if it has fixed keys."""
+        """The class of the mapping here, if it has fixed keys; None otherwise."""
         return entry_of(self.kind)
 
     @property
     def gathering(self) -> Gathering | None:
-        """The reader of user-defined keys, or of items."""
+        """The reader of user-defined keys, or of items of a list; None if the value is neither."""
         return next((note for note in self.notes if isinstance(note, Gathering)), None)
 
     @property
     def leaf(self) -> LeafField | None:
-        """The reader of a scalar, also of a shorthand or of a single item."""
+        """The reader of a scalar value, also of a shorthand such as `y: expr` or of an item given
+        without its list; None if no scalar is allowed.
+        """
         leaf = next((note for note in self.notes if isinstance(note, LeafField)), None)
         if leaf is not None:
             return leaf
@@ -55,7 +59,7 @@ class SchemaPlace:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The permitted words, if it is a choice."""
+        """The permitted words, if the value is a choice or a switch; empty otherwise."""
         if self.leaf is None:
             return ()
         schema = self.leaf.schema
@@ -63,7 +67,9 @@ class SchemaPlace:
         return ("true", "false") if is_switch else tuple(map(str, schema.get("enum", ())))
 
     def below(self, step: str) -> SchemaPlace:
-        """The schema below a key, a name or the index of an item."""
+        """The schema below a key, a name or the index of an item; its `kind` is None if there is
+        none.
+        """
         # the same walk as that of `--set`, so that editors and command line agree on what is a key
         kind = inside(self.kind, step)
         entry = self.entry
@@ -76,7 +82,9 @@ class SchemaPlace:
 
 
 def place_of(path: Sequence[str]) -> SchemaPlace | None:
-    """The schema at a path of keys, names and items; None if unknown."""
+    """The schema at a path of keys, names and items from the top of a spec; None if the schema has
+    no such place.
+    """
     place = SchemaPlace(Spec)
     for step in path:
         place = place.below(step)
@@ -86,7 +94,9 @@ def place_of(path: Sequence[str]) -> SchemaPlace | None:
 
 
 def _notes(kind: Kind) -> Iterator[Any]:
-    """The annotations of a type, or of the members of a union."""
+    """The annotations in `Annotated[T, …]` of a type, or of each member of a union, outermost
+    first.
+    """
     origin = get_origin(kind)
     if origin is Annotated:
         inner, *notes = get_args(kind)

@@ -35,7 +35,7 @@ Answer = TypeVar("Answer")
 
 
 class SpecServer(LanguageServer):
-    """A server for specs; every change sends the complete text."""
+    """A language server for specs; for every change the editor sends the complete text."""
 
     def __init__(self) -> None:
         # whole texts: a spec is small, and edits in UTF-16 units applied in order are a source of
@@ -61,7 +61,9 @@ class SpecServer(LanguageServer):
         params: types.HoverParams | types.CompletionParams | types.DefinitionParams,
         ask: Callable[[OpenText, Position], Answer | None],
     ) -> Answer | None:
-        """The answer for a position in an open text; None if the text is not open."""
+        """The result of `ask` for the open text and the position in `params`; None if the text is
+        not open, or if `ask` returns None.
+        """
         opened = self.checks.texts.get(params.text_document.uri)
         if opened is None:
             return None
@@ -69,7 +71,7 @@ class SpecServer(LanguageServer):
 
 
 def serve() -> None:
-    """Serves an editor until it ends or disconnects."""
+    """Serves an editor over standard input and output until it ends or disconnects."""
     # a copy of the descriptor for the protocol; descriptor 1 then leads to stderr, for C libraries
     # too
     stdout = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
@@ -84,12 +86,12 @@ def serve() -> None:
 
 
 def _path(address: str) -> str:
-    """The path of a file; the URI for a text without a file."""
+    """The path of the file with this URI; the URI itself for a text without a file."""
     return str(Path(to_fs_path(address) or address))
 
 
 def spec_server() -> SpecServer:
-    """The server with all its handlers."""
+    """A new server with handlers for all requests that msnn answers."""
     server = SpecServer()
     _follow_texts(server)
     _answer_places(server)

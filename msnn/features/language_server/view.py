@@ -27,7 +27,9 @@ _LONGEST = 1_000_000
 
 @dataclass(frozen=True)
 class Word:
-    """A name in a line up to the position; in the first part of `plant.k` it is `plant`."""
+    """A name in a line: in `plant.k` it is `plant` if the position is in the first part, else
+    `plant.k`. Line and columns count from zero.
+    """
 
     text: str
     line: int
@@ -42,19 +44,19 @@ class Word:
 
 @dataclass(frozen=True)
 class View:
-    """The current text, and the information from the last successful check."""
+    """The current text, and the information from the last model that compiled."""
 
     source: SourceText
     knowledge: Knowledge
 
     @cached_property
     def outline(self) -> tuple[OutlineSection, ...]:
-        """The sections of the text."""
+        """The sections of the text; empty for a text longer than `_LONGEST` characters."""
         return outline(self.source) if len(self.source.text) <= _LONGEST else ()
 
     @cached_property
     def headings(self) -> Mapping[str, tuple[Kind, Heading]]:
-        """The declarations of the text by name."""
+        """The names that the text declares, each with its kind and place."""
         return {
             normalised(heading.name): (section.kind, heading)
             for section in self.outline
@@ -64,7 +66,7 @@ class View:
 
     @cached_property
     def names(self) -> Mapping[str, Known]:
-        """Every name; `place` is its current declaration."""
+        """Every name of the last compiled model, and the names that are new in the text."""
         new = {
             name: Known(name=name, kind=kind, place=span_of(heading, self.source), is_new=True)
             for name, (kind, heading) in self.headings.items()
@@ -74,7 +76,9 @@ class View:
         return {**self.knowledge.names, **new}
 
     def place(self, known: Known) -> Span:
-        """The declaration of a name: in the current text, or in another file."""
+        """The place of a name's declaration: in the current text, else where the last check found
+        it, such as in another file.
+        """
         found = self.headings.get(known.name)
         return known.place if found is None else span_of(found[1], self.source)
 
@@ -90,7 +94,7 @@ class View:
         return _COMMENT.search(before) is not None
 
     def declaration(self, known: Known) -> str:
-        """The first lines of a name's declaration."""
+        """The first lines of a name's declaration in the current text; empty if it is not there."""
         if known.name not in self.headings:
             return ""
         _, heading = self.headings[known.name]
@@ -111,7 +115,7 @@ class View:
 
 
 def span_of(heading: Heading, source: SourceText) -> Span:
-    """The place of a key."""
+    """The place of a key in the text `source`; a span counts lines and columns from one."""
     line = heading.line + 1
     return Span(
         file=source.path,

@@ -31,11 +31,13 @@ ROWS = 3
 
 
 class NotTranslatedError(Exception):
-    """A part of a function is not supported; the text gives the reason."""
+    """A part of a Python function is not supported; the text gives the reason."""
 
 
 def tensor(value: Any) -> Elements:
-    """An array of terms from a number, a term or nested lists of numbers."""
+    """An array of terms from an array, a term, a number or nested lists of numbers. Raises
+    NotTranslatedError for anything else.
+    """
     if isinstance(value, np.ndarray):
         return cast("Elements", value)
     if isinstance(value, Term):
@@ -48,7 +50,9 @@ def tensor(value: Any) -> Elements:
 
 
 def refuse_large(size: float) -> None:
-    """Refuses a tensor with too many elements."""
+    """Raises NotTranslatedError if a tensor would have more than ROWS · MOST elements; `size` is
+    their number.
+    """
     if size > ROWS * MOST:
         raise NotTranslatedError(f"a tensor has more than {MOST:,} elements")
 
@@ -61,7 +65,11 @@ def _filled(value: Term) -> Elements:
 
 
 def elementwise(make: Callable[..., Term], *operands: Any) -> Elements:
-    """Applies `make` to the elements of operands, with broadcasting as in torch and numpy."""
+    """Applies `make` to the elements of operands, with broadcasting as in torch and numpy. Operands
+    are arrays, terms or numbers.
+
+    Raises NotTranslatedError for other operands, shapes that do not broadcast, and large results.
+    """
     arrays = [_operand(operand) for operand in operands]
     try:
         together = np.broadcast_shapes(*(array.shape for array in arrays))
@@ -97,7 +105,7 @@ def total(terms: Sequence[Term]) -> Term:
 
 
 def product(left: Term, right: Term) -> Term:
-    """A product within a sum; factors 0 and 1 are simplified."""
+    """The product of two terms; with a factor 0 or 1 it is 0 or the other term."""
     for one, other in ((left, right), (right, left)):
         if isinstance(one.head, Number):
             if one.head.value == 0:
@@ -108,7 +116,7 @@ def product(left: Term, right: Term) -> Term:
 
 
 def summed(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> Elements:
-    """Sums an array over the axes `dim`, by default over all; `keepdim` keeps them with
+    """Sums an array over the axes `dim`, or over all axes for None; `keepdim` keeps them with
     length 1.
     """
     axes = range(array.ndim) if dim is None else (dim,) if isinstance(dim, int) else tuple(dim)
@@ -126,7 +134,9 @@ def summed(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> E
 
 
 def averaged(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> Elements:
-    """The mean over axes, by default over all."""
+    """The mean over the axes `dim`, or over all axes for None; `keepdim` keeps them with
+    length 1.
+    """
     sums = summed(array, dim, keepdim)
     count = array.size // max(sums.size, 1)
     # Σ / n, as torch divides
@@ -134,7 +144,11 @@ def averaged(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) ->
 
 
 def matmul(left: Elements, right: Elements) -> Elements:
-    """The matrix product as in torch, with batches; raises NotTranslatedError for scalars."""
+    """The matrix product as in torch, with batches: (…, n, k) · (…, k, m) to (…, n, m); vectors are
+    rows on the left and columns on the right.
+
+    Raises NotTranslatedError for scalars and sizes that do not fit.
+    """
     if left.ndim == 0 or right.ndim == 0:
         raise NotTranslatedError("a matrix product of a scalar")
     # a vector is a row on the left and a column on the right; its axis is dropped at the end
@@ -154,7 +168,9 @@ def matmul(left: Elements, right: Elements) -> Elements:
 
 
 def softmax(array: Elements, dim: int) -> Elements:
-    """Softmax along an axis as 1 / Σⱼ exp(xⱼ − xᵢ), because exp(xᵢ) / Σⱼ exp(xⱼ) overflows."""
+    """Softmax along the axis `dim`, element i as 1 / Σⱼ exp(xⱼ − xᵢ), because exp(xᵢ) / Σⱼ exp(xⱼ)
+    overflows.
+    """
     moved = np.moveaxis(array, dim, -1)
     above = elementwise(minus, moved[..., None, :], moved[..., :, None])
     sums = summed(elementwise(partial(call, "exp"), above), -1, keepdim=False)
@@ -162,7 +178,9 @@ def softmax(array: Elements, dim: int) -> Elements:
 
 
 def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:
-    """The maximum or minimum (`name` is `max` or `min`) along an axis, element by element."""
+    """The maximum or minimum (`name` is `max` or `min`) along the axis `dim`, as terms that call
+    the function of the spec. `keepdim` keeps the axis with length 1.
+    """
     moved = np.moveaxis(array, dim, -1)
     out = np.empty(moved.shape[:-1], dtype=object)
     for index in np.ndindex(*out.shape):
@@ -172,7 +190,9 @@ def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:
 
 
 def shaped(array: Elements, shape: Sequence[int]) -> Elements:
-    """Reshapes an array; −1 is inferred."""
+    """Reshapes an array; one length of `shape` may be −1 and is inferred. Raises NotTranslatedError
+    if the elements do not fit.
+    """
     try:
         return array.reshape(tuple(shape))
     except (ValueError, TypeError):
@@ -180,27 +200,33 @@ def shaped(array: Elements, shape: Sequence[int]) -> Elements:
 
 
 def squeezed(array: Elements, dim: int | None) -> Elements:
-    """Removes an axis of length 1, like torch; longer axes stay."""
+    """Removes the axis `dim` if its length is 1, or all such axes for None, as in torch."""
     if dim is None:
         return array.reshape([n for n in array.shape if n != 1])
     return np.squeeze(array, axis=dim) if array.shape[dim] == 1 else array
 
 
 def repeated(array: Elements, counts: Sequence[int]) -> Elements:
-    """Repeats an array `counts` times along each axis, as numpy's `tile`."""
+    """Repeats an array `counts` times along each axis, as numpy's `tile`. Raises NotTranslatedError
+    if the result is too large.
+    """
     refuse_large(float(np.prod([float(n) for n in counts])) * array.size)
     return np.tile(array, tuple(counts))
 
 
 def expanded(array: Elements, shape: Sequence[int]) -> Elements:
-    """Repeats axes of length 1 to the lengths in `shape`, as torch's `expand`; −1 keeps an axis."""
+    """Repeats axes of length 1 to the lengths in `shape`, as torch's `expand`; −1 keeps an axis.
+    Raises ValueError for shapes that do not fit.
+    """
     old = (1,) * (len(shape) - array.ndim) + array.shape
     wanted = [n if m == -1 else m for m, n in zip(shape, old, strict=True)]
     return np.broadcast_to(array.reshape(old), wanted)
 
 
 def parts(array: Elements, size: int | Sequence[int], dim: int) -> list[Elements]:
-    """Splits an array along an axis into parts of one size, or of given sizes."""
+    """Splits an array along the axis `dim`: into parts of length `size`, the last one shorter, or
+    into parts whose lengths are listed.
+    """
     length = array.shape[dim]
     sizes = [size] * -(-length // size) if isinstance(size, int) else list(size)
     return list(np.split(array, np.cumsum(sizes)[:-1], axis=dim))

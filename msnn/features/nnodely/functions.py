@@ -44,14 +44,14 @@ _LONGEST = 40
 
 
 class NotRecognisedError(Exception):
-    """A recognised group cannot be translated as a whole; its relations are translated one
-    by one.
+    """A recognised group of relations cannot be translated as a whole; its relations are translated
+    one by one.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """A function that the spec declares: its arguments and its formula."""
+    """A function that the spec declares: the names of its arguments, and its formula as text."""
 
     args: tuple[str, ...]
     text: str
@@ -59,7 +59,9 @@ class Formula:
 
 @dataclass(slots=True, kw_only=True)
 class Functions:
-    """Translates functions of the saved model to formulas of the spec."""
+    """Translates functions of the saved model to formulas of the spec; `declared` collects those
+    that become functions of the spec, by name.
+    """
 
     file: File
     text: JsonText
@@ -77,8 +79,11 @@ class Functions:
     )
 
     def called(self, key: str, operands: Sequence[Value | str], relation: str) -> Value:
-        """The value of a call of a function of the file with streams, matrices and its own
-        arrays.
+        """The value of a call of the function `key` of the file. An operand is the value of a
+        stream or the name of a matrix; `relation` is the calling relation, for messages.
+
+        Raises ShapeError if the file lacks the function or one of its arrays, SpecError for code
+        that is not supported.
         """
         given = self.file.Functions.get(key)
         if given is None or given.code is None or given.name is None:
@@ -100,7 +105,13 @@ class Functions:
             raise self._refused(f"Functions.{key}", place, given.code, fault) from None
 
     def of_sets(self, key: str, streams: Sequence[Value], own: Sequence[Term], size: int) -> Value:
-        """A function of streams, and of an array with one element per set of a local model."""
+        """The values of the function `key` in the cells of a local model, as one value with `size`
+        elements.
+
+        `streams` are its scalar arguments; `own` are its parameters, each with one element per set.
+        Raises NotRecognisedError if it cannot be one formula, SpecError if its code is not a
+        function.
+        """
         given = self.file.Functions[key]
         function = self._parsed((key, "code"), given.code or "", given.name or "")
         wholes = [Whole(v.pieces[0], (1, v.window, v.dim)) for v in streams]
@@ -117,7 +128,10 @@ class Functions:
         return one_piece(term)
 
     def of_offset(self, key: str) -> str | None:
-        """The name of the function that gives the membership from the distance to the centre."""
+        """The name of the spec's function that gives the membership from the distance to the
+        centre. None if its formula cannot be one function of the spec. Raises SpecError for
+        unsupported code.
+        """
         code, name, place = self._membership(key, 0)
         function = self._parsed(place, code, name)
         try:
@@ -128,7 +142,10 @@ class Functions:
             raise self._refused(f"Functions.{key}", place, code, fault) from None
 
     def membership(self, key: str, index: int, center: float, value: Value) -> Value:
-        """The membership in one fuzzy set, if the sets have different functions."""
+        """The membership of `value` in the fuzzy set `index` of the function `key`, whose centre is
+        `center`. Used if the sets have different functions. Raises ShapeError without a function,
+        SpecError for unsupported code.
+        """
         code, name, place = self._membership(key, index)
         function = self._parsed(place, code, name)
         offset = self.values.elementwise(minus, value, one_piece(number(center)))
@@ -197,7 +214,10 @@ class Functions:
         *,
         batched: bool,
     ) -> Value | None:
-        """The result of a function on complete values; None if it needs single elements."""
+        """The result of a function on complete windows and arrays (`own`, by name); None if it must
+        be evaluated element by element. `batched` says whether arguments have a leading batch axis
+        of 1.
+        """
         front = (1,) if batched else ()
         windows = {value.window for value in streams} - {1}
         if any(len(value.pieces) > 1 for value in streams) or len(windows) > 1:
@@ -230,7 +250,8 @@ class Functions:
 
     def _formula(self, function: ast.FunctionDef, key: Any, wholes: Sequence[Whole]) -> str | None:
         """The name of a function of the spec for arguments of these shapes; None if its formula is
-        too long.
+        a single operation, too long, or needs separate elements. `key` identifies the function.
+        Raises FunctionError for unsupported code, NeedsElementsError.
         """
         known = (key, tuple(whole.shape for whole in wholes))
         if known in self._formulas:
@@ -282,7 +303,9 @@ class Functions:
         return SpecError([untranslated(path, line[:100], fault.reason, span)], [self.text.source])
 
     def _line_span(self, place: tuple[str | int, ...], line: int) -> Span:
-        r"""The line of a source text in the JSON file, in which `\n` marks a line end."""
+        r"""The place in the JSON file of one line of a source text, in which `\n` marks a line end;
+        the whole text if lines cannot be told apart. `place` is the path below `Functions`.
+        """
         path = ("Functions", *place)
         start, end = self.text.places.get(path, (0, 0))
         raw = self.text.source.text[start:end]
@@ -299,7 +322,7 @@ class Functions:
 
 
 def _size(term: Term) -> int:
-    """The number of operations in the text of a term, including repeated parts."""
+    """The number of operations in the text of a term; a part that is used twice counts twice."""
     count: dict[int, int] = {}
     for node in after_operands(term, lambda one: False):
         count[id(node)] = 1 + sum(count[id(arg)] for arg in node.args)

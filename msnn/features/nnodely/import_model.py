@@ -53,7 +53,7 @@ _MOST_PASSES = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedModel:
-    """A spec as plain values, its weights by parameter, and notes for the user."""
+    """A spec as plain values, its weights by name of the parameter, and notes for the user."""
 
     spec: dict[str, Any]
     weights: dict[str, NDArray[np.float64]]
@@ -64,8 +64,8 @@ class ImportedModel:
 
 
 def import_text(text: str, file_name: str, name: str) -> ImportedModel:
-    """Converts the JSON text of a saved model. Raises SpecError for errors and unsupported
-    parts.
+    """Converts the JSON text of a saved model to a spec with the name `name`. `file_name` is used
+    in messages. Raises SpecError for errors and unsupported parts.
     """
     read = read_json(text, file_name)
     file = read_file(read)
@@ -80,7 +80,7 @@ def import_text(text: str, file_name: str, name: str) -> ImportedModel:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file. Raises SpecError if it cannot be read."""
+    """The text of a file in UTF-8. Raises SpecError if it cannot be read."""
     try:
         # a device or a pipe has no end
         refuse_endless(path)
@@ -147,7 +147,9 @@ class _Import:
         self._values = values
 
     def model(self) -> ImportedModel:
-        """Converts outputs, then feedback, then losses, and assembles the spec."""
+        """Converts outputs, then feedback, then losses, and assembles the spec. Raises SpecError
+        for errors, OtherLoopError if a closed loop differs from what was assumed.
+        """
         outputs = {
             old: self._whole(source, ("Outputs", old)) for old, source in self._file.Outputs.items()
         }
@@ -264,7 +266,7 @@ _HEAD = """\
 
 @dataclass(frozen=True, slots=True)
 class WrittenImport:
-    """The files of an import, and notes for the user."""
+    """The paths of the files of an import, the converted model, and notes for the user."""
 
     spec: Path
     weights: Path
@@ -273,7 +275,10 @@ class WrittenImport:
 
 
 def write_import(file: Path, out: Path | None) -> WrittenImport:
-    """Converts a saved model and writes its spec and weights as files."""
+    """Converts a saved model, and writes its spec to `out` (default: beside `file`) and its weights
+    beside that. Raises SpecError for errors, and if one of the files exists; OSError if a file
+    cannot be written.
+    """
     read = read_text(file)
     # a folder exists; the file of that name in it is not what was said
     if out is not None and out.is_dir():
@@ -303,7 +308,9 @@ def write_import(file: Path, out: Path | None) -> WrittenImport:
 
 
 def compiled(model: ImportedModel, file: str, path: Path, weights: str) -> tuple[str, Program]:
-    """The text of the converted spec and its program. Raises SpecError if it does not compile."""
+    """The text of the converted spec and its program. `file` and `weights` are names for its
+    comment, `path` is where it will be written. Raises SpecError if it does not compile.
+    """
     try:
         # compiled as it will be read, from its text
         text = spec_text(model, file, weights)
@@ -315,7 +322,9 @@ def compiled(model: ImportedModel, file: str, path: Path, weights: str) -> tuple
 
 
 def spec_text(model: ImportedModel, file: str, weights: str) -> str:
-    """The text of the converted spec, with a comment about its origin."""
+    """The text of the converted spec, with a comment that names the original file and that of the
+    weights.
+    """
     sections = [yaml_text({key: value}) for key, value in model.spec.items()]
     head, rest = "".join(sections[:3]), "\n".join(sections[3:])
     # a line break in the name of a file would end the comment

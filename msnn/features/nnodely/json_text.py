@@ -35,14 +35,18 @@ Path: TypeAlias = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class JsonText:
-    """The values of a JSON text and their places."""
+    """The values of a JSON text, and the offsets (start, end) of each by its path of keys and
+    indices.
+    """
 
     value: Any
     source: SourceText
     places: Mapping[Path, tuple[int, int]]
 
     def place(self, *path: str | int) -> Span:
-        """The place in the file of the value at a path, or of the nearest enclosing value."""
+        """The place in the file of the value at a path, or of the nearest enclosing value whose
+        place is known; of several lines the first.
+        """
         while path and path not in self.places:
             path = path[:-1]
         start, end = self.places[path]
@@ -50,7 +54,9 @@ class JsonText:
 
 
 def read_json(text: str, name: str) -> JsonText:
-    """The values of a text. Raises SpecError for invalid JSON and duplicate keys."""
+    """The values of a JSON text; `name` is the file in messages. Raises SpecError for invalid JSON,
+    duplicate keys, NaN and infinity, and texts that are too large.
+    """
     reader = _Reader(SourceText(name, text))
     if len(text) > LARGEST:
         raise reader.refused(0, f"it has more than {LARGEST:,} characters", "")

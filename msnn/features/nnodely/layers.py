@@ -30,8 +30,8 @@ from spec_schema.diagnostics.source import Span
 
 @dataclass(frozen=True, slots=True)
 class Weighted:
-    """A relation of nnodely with a matrix and an optional offset; equal ones share one layer of the
-    spec.
+    """A relation `Fir` or `Linear` (`kind`) of nnodely: the names of its matrix and its offset
+    (None without one), and its dropout from 0 to 1. Equal ones share one layer of the spec.
     """
 
     kind: str
@@ -56,7 +56,10 @@ class Layers:
     _known: dict[Any, str] = field(default_factory=dict[Any, str])
 
     def fir(self, layer: Weighted, value: Value) -> Value:
-        """The value of a filter: Σₖ W[k, o] x[t − n + 1 + k] + b[o]."""
+        """The value of a filter, Σₖ W[k, o] x[t − n + 1 + k] + b[o], for a window of n scalar
+        samples; o counts results. Raises ShapeError for several elements and arrays that do not
+        fit.
+        """
         weight = self.matrix(layer, value.window)
         if value.dim != 1:
             raise ShapeError(f"a filter of {value.dim} elements")
@@ -71,21 +74,27 @@ class Layers:
         return Value(1, out, (term,))
 
     def linear(self, layer: Weighted, value: Value) -> Value:
-        """The value of a linear map of each sample: Σᵢ W[i, o] x[i] + b[o]."""
+        """The value of a linear map of each sample: Σᵢ W[i, o] x[i] + b[o], i over elements, o over
+        results. Raises ShapeError if the arrays do not fit.
+        """
         weight = self.matrix(layer, value.dim)
         out = weight.shape[1]
         name = self._layer("linear", layer, weight, (value.dim, "dim"))
         return self.values.along(lambda term: call(name, term, dim=out), value, out)
 
     def declare(self, wanted: str, key: Any, settings: dict[str, Any]) -> str:
-        """The name of a layer with these settings; equal keys share one layer."""
+        """Declares a layer with these settings and returns its name, which is similar to `wanted`.
+        Equal keys share one layer.
+        """
         if key not in self._known:
             self._known[key] = self.names.free(wanted)
             self.declared[self._known[key]] = settings
         return self._known[key]
 
     def along_other(self, term: Term, kind: str) -> Term:
-        """A copy of a term of fuzzy sets, along a dimension of its own."""
+        """A copy of a term of fuzzy sets along another dimension of the same size, named after
+        `kind`. Raises ShapeError if the term is not that of a `fuzzify` layer.
+        """
         head = term.head
         settings = self.declared.get(head.name) if isinstance(head, Call) else None
         if not isinstance(head, Call) or settings is None or "fuzzify" not in settings:
@@ -96,8 +105,8 @@ class Layers:
         return Term(Call(name), term.args, term.window, term.dim)
 
     def matrix(self, layer: Weighted, rows: int) -> NDArray[np.float64]:
-        """The weights of a layer, checked: their first axis has `rows` elements, and
-        offsets fit.
+        """The weights of a layer, (rows, results). Raises ShapeError if they are no matrix with
+        `rows` rows, or if the offset does not fit.
         """
         weight = self.parameters.numbers(layer.weight).values
         if weight.ndim != 2 or weight.shape[0] != rows:
@@ -162,7 +171,9 @@ class Layers:
             self._copy(bias)
 
     def _over_pieces(self, layer: Weighted, value: Value, out: int) -> Value:
-        """The filter for a concatenated window: a matrix times a list."""
+        """The filter for a window that is concatenated from several terms, as a matrix times a
+        list; `out` is the number of results.
+        """
         matrix = Term(self.parameters.term(layer.weight).head, (), None, out)
         whole = self.values.whole(value)
         term = infix("@", matrix, Term(whole.head, whole.args, None, 1))
@@ -184,7 +195,9 @@ _SHAPES = {"Triangular": "triangular", "Rectangular": "rectangular"}
 def fuzzified(
     functions: Functions, layers: Layers, name: str, value: Value, findings: Findings
 ) -> Value:
-    """The membership of a scalar in each set, for a function of the file."""
+    """The membership of the scalar `value` in each fuzzy set of the function `name` of the file,
+    one element per set. Raises ShapeError for several elements or centres that do not fit the sets.
+    """
     given = functions.file.Functions[name]
     centers = [float(c) for c in given.centers or []]
     count = (given.dim_out or {}).get("dim", 0)
@@ -214,7 +227,9 @@ def fuzzified(
 def _settings(
     functions: Functions, name: str, given: Function, count: int
 ) -> dict[str, Any] | None:
-    """The shape of the sets as a layer option; None if sets have different functions."""
+    """The option of the `fuzzify` layer that gives the shape of the sets, empty for triangles. None
+    if sets have different functions, and for a single set. `count` is the number of centres.
+    """
     shape = given.functions
     if isinstance(shape, str) and shape in _SHAPES:
         return {} if shape == "Triangular" else {"membership": _SHAPES[shape]}
@@ -288,9 +303,11 @@ def interpolated(
     value: Value,
     said: tuple[Findings, Span],
 ) -> Value:
-    """y = Yᵢ + sᵢ (x − Xᵢ), i the knot but the last that is nearest to x.
+    """The value of a table, y = Yᵢ + sᵢ (x − Xᵢ), with the knot i, except the last, that is nearest
+    to x.
 
-    x is kept between the first and the last knot; sᵢ is the slope from knot i to the next.
+    x is limited to the range of the knots X; sᵢ is the gradient from knot i to the next. `table` is
+    (knots, values Y, mode). Raises ShapeError for invalid tables.
     """
     knots, heights, mode = table
     if mode != "linear":

@@ -30,7 +30,7 @@ _IN_ONE_TEXT = 150
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """An array of the saved model: its values, and its axes in the spec."""
+    """An array of the saved model; `timed` is True if its first axis is a window."""
 
     name: str
     values: NDArray[np.float64]
@@ -47,8 +47,8 @@ class Numbers:
 
 @dataclass(slots=True, kw_only=True)
 class Parameters:
-    """The arrays of the saved model, and the parameters and constants that the spec declares for
-    them.
+    """The arrays of the saved model, and the parameters (`declared`) and constants (`fixed`) that
+    the spec declares for them, with trained values in `weights`.
     """
 
     text: JsonText
@@ -71,7 +71,9 @@ class Parameters:
         return name in self.parameters or name in self.constants
 
     def numbers(self, name: str) -> Numbers:
-        """The values of an array in nnodely's shape."""
+        """The values of an array in nnodely's shape: trained ones, else initial ones. Raises
+        SpecError if it has none, or values of another shape.
+        """
         section = "Parameters" if name in self.parameters else "Constants"
         array = self.parameters.get(name) or self.constants[name]
         place = self.text.place(section, name)
@@ -101,7 +103,9 @@ class Parameters:
         return round(steps) if abs(steps) < 1e15 else 0
 
     def operand(self, name: str) -> Value | None:
-        """A parameter or constant as an operand of other relations; None for a matrix."""
+        """A parameter or constant as an operand of other relations; None for an array with more
+        axes than window and elements, such as a matrix.
+        """
         found = self.numbers(name)
         shape = list(found.values.shape)
         size = shape[-1] if shape else 1
@@ -111,9 +115,7 @@ class Parameters:
         return Value(window, size, (self.term(name),))
 
     def is_matrix(self, name: str) -> bool:
-        """True if the file has an array with that name that is not an operand of other
-        relations.
-        """
+        """True if the file has an array with that name for which `operand` returns None."""
         return self.has(name) and self.operand(name) is None
 
     def term(self, name: str) -> Term:
@@ -123,7 +125,7 @@ class Parameters:
         return self._terms[name]
 
     def elements(self, name: str) -> Elements:
-        """The array with each element as a term."""
+        """The array in nnodely's shape, with each element as a term."""
         found = self.numbers(name)
         out = np.empty(found.values.shape, dtype=object)
         whole = self.term(name)
@@ -138,7 +140,9 @@ class Parameters:
         return out
 
     def element(self, whole: Term, index: list[int]) -> Term:
-        """One element of an array, axis by axis."""
+        """One element of the array `whole` as a term; `index` has one entry per axis of
+        the spec.
+        """
         term = whole
         axes = whole.head.axes if isinstance(whole.head, Named) else ()
         for k, i in enumerate(index):
@@ -158,7 +162,9 @@ class Parameters:
         return self.stacked(found)
 
     def stacked(self, samples: Sequence[Term]) -> Term:
-        """Combines samples to a list along the time window."""
+        """Combines terms of consecutive samples to one term along a window; a single one is
+        returned unchanged.
+        """
         if len(samples) == 1:
             return samples[0]
         head = CallHead("stack", f", dim={self.dims.of(len(samples), 'tap')}", steady=False)
@@ -193,8 +199,8 @@ class Parameters:
         return Term(Named(new, tuple(axes), window is not None), (), window, size)
 
     def joined(self, names: list[str], dim: str) -> Term:
-        """Declares one parameter along a dimension, made of several scalar ones; returns it as a
-        term.
+        """Declares one parameter along the dimension `dim` from the scalar parameters `names`, in
+        that order; returns it as a term.
         """
         new = self.names.free(names[0])
         # of shape () or (1,), which both are one number
@@ -210,7 +216,9 @@ class Parameters:
 
 
 def entry_of(values: NDArray[np.float64]) -> Any:
-    """The values in the form of a spec: a number, a list, or a text of nested lists."""
+    """The values in the form of a spec: a number, a list of numbers, or nested lists as text; large
+    arrays as a list of such texts.
+    """
     if values.ndim == 0:
         return shortest(float(values))
     if values.ndim == 1:
@@ -229,7 +237,9 @@ def _dims(axes: list[str]) -> str | list[str]:
 
 
 def number_array(given: Any) -> NDArray[np.float64] | None:
-    """Nested lists of finite numbers as an array; None for anything else."""
+    """Nested lists of numbers as an array; None for anything else, and for numbers that are not
+    finite in single precision.
+    """
     try:
         values = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -18,15 +18,17 @@ from msnn.features.nnodely.values import ShapeError, Value, ValueOperations
 
 
 def recognise(file: File) -> Mapping[str, Recognised]:
-    """Finds the final relations of recognised groups."""
+    """The groups of relations with a known meaning: local models, integrals and derivatives, by the
+    relation that has the group's value.
+    """
     graph = Graph(file)
     # of a relation that is both, the local model stands
     return {**calculus(graph), **local_models(graph)}
 
 
 class Followed(Protocol):
-    """The values, layers and functions of a model, from which a recognised group builds its
-    value.
+    """The values, layers and functions of a model, with which a recognised group builds its value.
+    `operand` returns the value of a relation, input or parameter by name.
     """
 
     values: ValueOperations
@@ -39,8 +41,8 @@ class Followed(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Recognised:
-    """A group of relations with a known meaning: the relations that it needs, and how its value is
-    made.
+    """A group of relations with a known meaning: the relations whose values it needs first, and a
+    function that makes its value.
     """
 
     needs: tuple[str, ...]
@@ -52,7 +54,12 @@ _FEWEST = 2
 
 @dataclass(frozen=True, slots=True)
 class _Sum:
-    """A local model: Σ cell · activation over all fuzzy sets, in order."""
+    """A sum in the form of a local model: Σ cell · activation over all combinations of fuzzy sets,
+    in order.
+
+    `cells` are relations, `activations` the relations with memberships, `sizes` their numbers of
+    sets.
+    """
 
     cells: tuple[str, ...]
     activations: tuple[str, ...]
@@ -60,7 +67,9 @@ class _Sum:
 
 
 def local_models(graph: Graph) -> Mapping[str, Recognised]:
-    """Local models of filters, of linear maps, of functions, and weighted sums of one value."""
+    """Sums in the form of a local model whose cells are filters, linear maps or functions, or all
+    one relation, by the relation that has their value.
+    """
     shared = shared_arrays(graph.file)
     # partial sums: only the outermost one is the local model
     inner = {
@@ -113,7 +122,9 @@ def _sum(graph: Graph, name: str) -> _Sum | None:
 
 
 def _selected(graph: Graph, name: str) -> Iterator[tuple[str, int, int]]:
-    """The activations in a product, with their sizes and set indices; empty for others."""
+    """The activations whose sets are multiplied in the relation `name`, each as (relation, number
+    of sets, index of the set). Nothing if another factor is in the product.
+    """
     found: list[tuple[str, int, int]] = []
     rest: str | None = name
     while rest is not None:
@@ -130,7 +141,9 @@ def _selected(graph: Graph, name: str) -> Iterator[tuple[str, int, int]]:
 
 
 def _of_one_value(whole: _Sum) -> Recognised | None:
-    """Cells that are one relation: its value times the sum of the activations."""
+    """A local model in which every cell is the same relation: its value times the sum of the
+    memberships. None for others, and for several activations.
+    """
     if len(set(whole.cells)) != 1 or len(whole.activations) != 1:
         return None
     cell, [activation] = whole.cells[0], whole.activations
@@ -145,7 +158,9 @@ def _of_one_value(whole: _Sum) -> Recognised | None:
 
 
 def _of_layers(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised | None:
-    """Cells that are filters or linear maps of one value, each with its own weights."""
+    """A local model whose cells are filters or linear maps of one value, each with its own weights;
+    None for others. `shared` are arrays that have other uses.
+    """
     kinds: set[tuple[Any, ...]] = set()
     layers: list[Weighted] = []
     for cell in whole.cells:
@@ -199,7 +214,9 @@ def _of_layers(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised 
 
 
 def _of_functions(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised | None:
-    """Cells that are one function of the same values, with separate parameters per set."""
+    """A local model with one activation whose cells are one function of the same values, each with
+    its own scalar parameters; None for others. `shared` are arrays that have other uses.
+    """
     codes: set[tuple[Any, ...]] = set()
     own: list[list[str]] = []
     for cell in whole.cells:
@@ -246,7 +263,9 @@ def _of_functions(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognis
 
 
 def _degrees(relations: Followed, whole: _Sum) -> list[Term]:
-    """The membership of each activation, each along a dimension of its own."""
+    """The memberships of each activation as a term, along a dimension of its own. Raises
+    NotRecognisedError for activations over a window.
+    """
     found: list[Term] = []
     for k, activation in enumerate(whole.activations):
         value = relations.operand(activation)
@@ -265,12 +284,13 @@ _STEP = "SampleTime"
 
 
 def calculus(graph: Graph) -> Mapping[str, Recognised]:
-    """Integrals and derivatives by the relation that is their value.
+    """Integrals and derivatives in time by the relation that is their value; e is the integrand or
+    differentiated value.
 
-    integral       I = I[t−1] + e dt, closed by itself
-    trapezoidal    I = I[t−1] + (e + e[t−1]) 0.5 dt
-    derivative     (e − e[t−1]) / dt, e connected to a buffer
-    trapezoidal    d = (e − e[t−1]) 2 / dt − d[t−1]
+      integral    I = I[t−1] + e dt, closed by itself
+      trapezoidal I = I[t−1] + (e + e[t−1]) 0.5 dt
+      derivative  (e − e[t−1]) / dt, e connected to a buffer
+      trapezoidal d = (e − e[t−1]) 2 / dt − d[t−1]
     """
     found: dict[str, Recognised] = {}
     for name, given in graph.file.Inputs.items():
@@ -331,7 +351,9 @@ def _ringing(graph: Graph, state: str, source: str) -> Recognised | None:
 
 
 def _slope(graph: Graph, name: str) -> str | None:
-    """The buffer whose derivative a relation is, computed from its newest samples."""
+    """The buffer whose time derivative the relation `name` is, computed from its two newest
+    samples; None for other relations.
+    """
     quotient = graph.pair(name, "Div")
     if quotient is None or quotient[1] != _STEP:
         return None
@@ -340,7 +362,9 @@ def _slope(graph: Graph, name: str) -> str | None:
 
 
 def _neighbours(graph: Graph, newest: str, older: str) -> str | None:
-    """The connected buffer whose two newest samples these relations are."""
+    """The connected buffer whose two newest samples the relations `newest` and `older` are; None if
+    there is none.
+    """
     buffer = graph.sample(newest, 0)
     if buffer is None or graph.sample(older, 1) != buffer:
         return None
@@ -351,7 +375,9 @@ def _neighbours(graph: Graph, newest: str, older: str) -> str | None:
 
 
 def _is_own_past(graph: Graph, name: str, state: str) -> bool:
-    """True if a relation is the state's previous value and has no other use."""
+    """True if the relation `name` is the previous value of the input `state` and neither has
+    another use.
+    """
     given = graph.file.Inputs[state]
     is_last = graph.sample(name, 0) == state and given.sw == [-1, 0] and given.tw is None
     # a state that others read has to stay one

@@ -57,7 +57,9 @@ class Relations:
     _known: dict[str, Value] = field(default_factory=dict[str, Value])
 
     def of(self, name: str) -> Value:
-        """The value of a relation; translates its operands first."""
+        """The value of a relation; translates its operands first. Raises SpecError for unsupported
+        or invalid relations, and for a circle of relations within one step.
+        """
         # a stack of our own: chains of relations are longer than Python lets functions nest
         stack: list[tuple[str, bool]] = [(name, False)]
         open_names: dict[str, None] = {}
@@ -91,7 +93,7 @@ class Relations:
         return self._known
 
     def refused(self, diagnostic: Diagnostic) -> SpecError:
-        """The error that ends an import."""
+        """The error with this diagnostic and the text of the file, to be raised."""
         return SpecError([diagnostic], [self.text.source])
 
     def _needed(self, name: str) -> list[str]:
@@ -143,7 +145,9 @@ class Relations:
         return self.parameters.names.of("relation", name)
 
     def operand(self, name: str) -> Value:
-        """The value of an operand of a relation: another relation, an input or a parameter."""
+        """The value of an operand by name: a translated relation or a parameter. Raises ShapeError
+        for a matrix, and for an input, which must be read by a window.
+        """
         if name in self._known:
             return self._known[name]
         if self.parameters.has(name):
@@ -284,7 +288,9 @@ OF_ONE: Mapping[str, Callable[[Term], Term]] = {
 
 
 class UnknownKindError(Exception):
-    """A kind of relation that is not supported."""
+    """A relation of a kind or form that is not supported: `what` is the reason, `repair` the advice
+    to the user.
+    """
 
     def __init__(self, what: str, repair: str) -> None:
         super().__init__(what)
@@ -292,7 +298,9 @@ class UnknownKindError(Exception):
 
 
 def unknown_form(kind: str) -> UnknownKindError:
-    """An unsupported kind of relation, or unexpected arguments."""
+    """The error for a relation of an unsupported kind or with unexpected arguments, to
+    be raised.
+    """
     repair = "save it anew by `saveModel` of nnodely 1.x, or write its formula in a spec"
     if kind == "NeuralODE":
         repair = "write `states: {x: {der: …}}` with `integrator:` in a spec"
@@ -300,14 +308,16 @@ def unknown_form(kind: str) -> UnknownKindError:
 
 
 def counted(values: list[Value], wanted: int) -> list[Value]:
-    """The operands, if there are `wanted`; else raises ShapeError."""
+    """The operands `values` unchanged; raises ShapeError if they are not `wanted` in number."""
     if len(values) != wanted:
         raise ShapeError(f"{len(values)} operands, where {wanted} are needed")
     return values
 
 
 def one_name(rest: list[Any]) -> str:
-    """The option of a relation, which must be a single name; raises UnknownKindError for others."""
+    """The only element of `rest`, the arguments of a relation after its operands. Raises
+    UnknownKindError if it is not a single text.
+    """
     if len(rest) == 1 and isinstance(rest[0], str):
         return rest[0]
     what, repair = "a `ParamFun` of this form is not known", "name one function after its operands"
@@ -315,7 +325,9 @@ def one_name(rest: list[Any]) -> str:
 
 
 def dropout_share(rest: list[Any]) -> float:
-    """The dropout fraction of a layer; 0 if not given."""
+    """The dropout fraction in `rest`, the arguments of a layer after its arrays; 0 if there is
+    none. Raises UnknownKindError outside 0 ≤ share < 1.
+    """
     match rest:
         case []:
             return 0.0

@@ -35,7 +35,10 @@ class Info(_Strict):
 
 
 class Input(_Strict):
-    """A signal: its size, the union of its windows, and its feedback."""
+    """A signal: its number of elements, the union of its windows in samples (`sw`) or seconds
+    (`tw`), and the relation that feeds it (`closed_loop`: its next value, `connect`: its current
+    value).
+    """
 
     dim: Size
     sw: Annotated[list[Samples], Field(min_length=2, max_length=2)] | None = None
@@ -46,7 +49,9 @@ class Input(_Strict):
 
 
 class Array(_Strict):
-    """A parameter or constant of a saved model: its axes and values."""
+    """A parameter or constant of a saved model: its sizes, its window in samples or seconds, its
+    values and initial values.
+    """
 
     dim: Size | list[Size]
     sw: Size | None = None
@@ -69,7 +74,7 @@ class Function(_Strict):
 
 
 class Minimizer(_Strict):
-    """A loss between two relations or outputs."""
+    """A training loss: the relations or outputs A and B, and the kind of loss, such as `mse`."""
 
     A: str
     B: str
@@ -85,14 +90,14 @@ def _relation(given: list[Any]) -> list[Any]:
 
 
 def names_in(operands: Any) -> list[str]:
-    """The texts in the list of a relation's operands; empty if it is no list."""
+    """The texts in the list of a relation's operands, which are names; empty if it is no list."""
     if not isinstance(operands, list):
         return []
     return [one for one in cast("list[Any]", operands) if isinstance(one, str)]
 
 
 class File(_Strict):
-    """The JSON content of a saved model, validated."""
+    """The JSON content of a saved model by its sections, validated."""
 
     Info: Info
     Inputs: dict[str, Input]
@@ -105,7 +110,9 @@ class File(_Strict):
 
 
 def read_file(text: JsonText) -> File:
-    """The model in a JSON text. Raises SpecError with all invalid values."""
+    """The model in a JSON text. Without outputs, those are the relations that losses compare.
+    Raises SpecError with the first invalid values, and if there is no output.
+    """
     try:
         file = File.model_validate(text.value)
     except ValidationError as fault:
@@ -120,7 +127,9 @@ def read_file(text: JsonText) -> File:
 
 
 def _compared(file: File) -> dict[str, str]:
-    """The relations compared by training losses, without windows of inputs."""
+    """The relations that training losses compare, by their own names, without those that only read
+    an input.
+    """
     sides = [side for one in file.Minimizers.values() for side in (one.A, one.B)]
     return {side: side for side in sides if side in file.Relations and not _reads(file, side)}
 
@@ -151,7 +160,9 @@ class Graph:
 
     @cached_property
     def uses(self) -> Mapping[str, int]:
-        """How often a name is an operand, an output, or fed back."""
+        """How often each name is an operand, an output, fed back, connected, or compared
+        by a loss.
+        """
         found: Counter[str] = Counter(self.file.Outputs.values())
         for name in self.file.Relations:
             found.update(self.operands(name))
@@ -163,25 +174,29 @@ class Graph:
         return found
 
     def operands(self, name: str) -> list[str]:
-        """The operands of a relation; empty for invalid ones."""
+        """The operands of a relation; empty for a name that is no relation."""
         return names_in(self.file.Relations.get(name, ["", []])[1])
 
     def pair(self, name: str, kind: str) -> tuple[str, str] | None:
-        """The two operands of a relation of that kind; None for other kinds."""
+        """The two operands of the relation `name` if it has that kind, such as `Add`; None
+        otherwise.
+        """
         operands = self.operands(name)
         if name in self.file.Relations and self.file.Relations[name][0] == kind:
             return (operands[0], operands[1]) if len(operands) == 2 else None
         return None
 
     def is_constant(self, name: str, value: float) -> bool:
-        """True if a name is a scalar constant."""
+        """True if `name` is a scalar constant with this value."""
         if name not in self.file.Constants:
             return False
         # nnodely writes numbers with zero, one or two brackets
         return self.file.Constants[name].values in (value, [value], [[value]])
 
     def sample(self, name: str, age: int) -> str | None:
-        """The input whose sample at lag `age` a relation is; None for other relations."""
+        """The input of which a relation is the sample `age` steps before the current one; None for
+        other relations.
+        """
         given = self.file.Relations.get(name)
         # [−1, 0] is the current sample, [−2, −1] the one before
         wanted = ["SamplePart", -1, [-1 - age, -age]]
@@ -192,7 +207,9 @@ class Graph:
 
 
 def shared_arrays(file: File) -> frozenset[str]:
-    """Weights used in layers of different kinds, or also in a formula."""
+    """The names of parameters and constants that are used more than once: in different layers,
+    formulas or functions. Equal layers count once.
+    """
     arrays = {*file.Parameters, *file.Constants}
     layers: set[tuple[str, ...]] = set()
     uses: Counter[str] = Counter()
@@ -209,7 +226,7 @@ def shared_arrays(file: File) -> frozenset[str]:
 
 
 def shared_across(file: File) -> frozenset[str]:
-    """Arrays that layers use transposed: matrices of `Linear`."""
+    """The shared arrays that are matrices of `Linear`, which the spec has transposed."""
     layers = (rest for kind, _, *rest in file.Relations.values() if kind == "Linear")
     weights = {str(rest[0]) for rest in layers if rest}
     return shared_arrays(file) & weights

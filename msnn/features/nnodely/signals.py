@@ -20,8 +20,8 @@ _HIDDEN = re.compile(r".*_(sw|tw|int|der)\d+")
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The samples of an input that nnodely stores: `back` up to the current one, `ahead` future
-    ones.
+    """The samples of an input that nnodely stores: `back` samples up to the current one, `ahead`
+    samples after it.
     """
 
     back: int
@@ -34,7 +34,9 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """Facts about closed inputs that are found while the model is translated."""
+    """Facts about closed inputs that are discovered during a translation and used by the
+    next one.
+    """
 
     widths: dict[str, int] = field(default_factory=dict[str, int])
     """Number of samples of a feedback, if it is more than one."""
@@ -43,12 +45,14 @@ class Loops:
 
 
 class OtherLoopError(Exception):
-    """A closed loop differs from what was assumed; the model is translated again."""
+    """A closed loop differs from what was assumed; the model is to be translated again."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Signals:
-    """Translates inputs to inputs, states and fed-back equations of the spec."""
+    """Translates inputs of the file to inputs, states and stored equations of the spec, which it
+    collects. Numbers in `inputs` and `targets` are their elements.
+    """
 
     file: File
     text: JsonText
@@ -72,7 +76,9 @@ class Signals:
     """
 
     def window(self, name: str) -> Window:
-        """The union of an input's windows in the file, in samples."""
+        """The union of an input's windows in the file, in samples. Raises ShapeError if it has
+        none, or an empty or very long one.
+        """
         given = self.file.Inputs[name]
         back: list[int] = []
         ahead: list[int] = []
@@ -90,7 +96,9 @@ class Signals:
         return found
 
     def samples(self, name: str, seconds: float) -> int:
-        """A duration in samples, rounded like in nnodely."""
+        """A duration of the input `name` in samples, rounded like in nnodely, with a warning.
+        Raises ShapeError beyond a million samples.
+        """
         step = self.file.Info.SampleTime
         # before it is rounded: a window of the file may be any number
         if abs(seconds / step) > 1e6:
@@ -104,6 +112,9 @@ class Signals:
     def read(self, name: str, first: int, end: int) -> Value:
         """The samples of an input from `first` to `end` in nnodely's counting: [−1, 0] is the
         current one.
+
+        Raises ShapeError if they are not in the input's window, and OtherLoopError if a fed-back
+        input turns out to need states.
         """
         given = self.file.Inputs[name]
         kept = self.window(name)
@@ -144,7 +155,12 @@ class Signals:
         return Value(len(pieces), given.dim, tuple(pieces))
 
     def close(self, name: str, value: Value) -> None:
-        """Defines the next value of a closed input."""
+        """Defines the next value of the closed input `name`; several samples replace its newest
+        ones together.
+
+        Raises ShapeError if sizes do not fit, and OtherLoopError for another number of samples than
+        was assumed.
+        """
         given = self.file.Inputs[name]
         width = self.known.widths.get(name, 1)
         if value.window != width:
@@ -182,7 +198,9 @@ class Signals:
         return Value(end - first, size, (Term(head, (), window, size),))
 
     def _slot(self, name: str, length: int, width: int, slot: int) -> Term:
-        """One sample of a buffer that is completely replaced in each step."""
+        """One sample of a buffer of `length` samples (`slot`, oldest first) of which each step
+        replaces the newest `width`; each of these is a state.
+        """
         # the newest sample is slot length − 1; the last `width` slots are states of their own,
         # older ones are their past
         newest = slot - (length - width)
@@ -210,8 +228,8 @@ class Signals:
         return past if late is None else self.values.after(past, late)
 
     def kept_past(self, name: str) -> Value:
-        """The past of a value that is connected to an input, as an equation that is 0 before the
-        start.
+        """The value that is connected to the input `name`, as a window of one sample of an equation
+        whose past is stored, 0 before the start. Raises ShapeError for several samples.
         """
         source = self.file.Inputs[name].connect
         assert source is not None
@@ -221,7 +239,9 @@ class Signals:
         return self._past(name, value, 0, 0)
 
     def _past(self, name: str, oldest: Value, first: int, last: int) -> Value:
-        """Earlier values of the connected value, 0 before the start."""
+        """The samples t + first … t + last of the value `oldest`, which becomes an equation whose
+        past is stored; it is 0 before the start.
+        """
         size = self.file.Inputs[name].dim
         new = self._new(name)
         self.equations[new] = self._spread(name, oldest).pieces[0]
@@ -230,7 +250,9 @@ class Signals:
         return Value(last - first + 1, size, (term,))
 
     def _spread(self, name: str, value: Value) -> Value:
-        """A scalar connected to an input with several elements, repeated for each."""
+        """The value for the input `name`; a scalar is repeated for each element. Raises ShapeError
+        for other sizes.
+        """
         size = self.file.Inputs[name].dim
         if value.dim == size:
             return value

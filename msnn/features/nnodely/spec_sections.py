@@ -32,7 +32,9 @@ _LONGEST_NAME = 8
 
 @dataclass(slots=True, kw_only=True)
 class Equations:
-    """Writes terms as texts; parts that are used repeatedly become equations of the spec."""
+    """Writes terms as texts of the spec; parts that are used repeatedly or are long become
+    equations, in `texts` by name.
+    """
 
     names: TakenNames
     hints: Mapping[int, str]
@@ -42,7 +44,9 @@ class Equations:
     _uses: dict[int, int] = field(default_factory=dict[int, int])
 
     def count(self, roots: Iterable[Term]) -> None:
-        """Counts how often parts of these terms are used, before any text is written."""
+        """Counts how often parts of these terms are used; to be called before any text
+        is written.
+        """
         seen: set[int] = set()
         for root in roots:
             self._uses[id(root)] = self._uses.get(id(root), 0) + 1
@@ -52,7 +56,9 @@ class Equations:
                     self._uses[id(arg)] = self._uses.get(id(arg), 0) + 1
 
     def name(self, term: Term, name: str) -> None:
-        """Gives a term a name in the spec, so that other texts refer to it by that name."""
+        """Gives a term a name in the spec, by which other texts refer to it. The first name stays;
+        terms without operands get none.
+        """
         if term.args and id(term) not in self._written:
             self._written[id(term)] = (name, ATOM)
 
@@ -61,7 +67,9 @@ class Equations:
         return self._written.get(id(term), ("", 0))[0] == name
 
     def text(self, root: Term, *, entry: str | None = None) -> str:
-        """The text of a term; the formula itself for the entry with its name."""
+        """The text of a term: its name if it has one, else its formula. For the entry that defines
+        it, whose name is `entry`, always the formula.
+        """
         for arg in root.args:
             for node in after_operands(arg, lambda one: id(one) in self._written):
                 self._written[id(node)] = self._shared(node)
@@ -85,7 +93,9 @@ class Equations:
         return self._named(node, text[0])
 
     def _text_of(self, node: Term) -> tuple[str, int]:
-        """The text of a term, with equations for operands if there are too many."""
+        """The text of a term and its precedence. If it is too long, its longer operands become
+        equations.
+        """
         text = text_of(node, [self._written[id(arg)] for arg in node.args])
         if len(text[0]) <= _LONGEST_ENTRY:
             return text
@@ -104,7 +114,9 @@ class Equations:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sections:
-    """Everything that was translated of a model, from which the spec is assembled."""
+    """Everything that was translated of a model, from which the spec is assembled. Losses are
+    (kind, term, term).
+    """
 
     name: str
     file: File
@@ -120,7 +132,9 @@ class Sections:
 
 
 def spec_values(found: Sections) -> dict[str, Any]:
-    """The spec as mappings, lists, texts and numbers, in reading order."""
+    """The spec as mappings, lists, texts and numbers, by section in reading order; empty sections
+    are left out.
+    """
     equations, signals = found.equations, found.signals
     predictors, added = _predictors(found)
     outputs = {found.names.of("output", old): term for old, term in found.outputs.items()}
@@ -192,7 +206,9 @@ def _layer(equations: Equations, settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def _entry_text(equations: Equations, outputs: Mapping[str, Term], name: str) -> str:
-    """The formula of an output, or the name of an equal entry."""
+    """The formula of the output `name`, or the name of an earlier output or equation that is the
+    same term.
+    """
     term = outputs[name]
     first = next((n for n, other in outputs.items() if other is term), name)
     # of two outputs that are the same term the first has the formula
@@ -201,7 +217,9 @@ def _entry_text(equations: Equations, outputs: Mapping[str, Term], name: str) ->
 
 
 def _predictors(found: Sections) -> tuple[dict[str, str], dict[str, Term]]:
-    """The output that predicts each input, and added outputs."""
+    """For each fed-back input the output that predicts it: `predicts` of these outputs by name, and
+    the outputs that had to be added.
+    """
     predictors: dict[str, str] = {}
     added: dict[str, Term] = {}
     for old, ahead in found.signals.predicted.items():

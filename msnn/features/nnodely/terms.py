@@ -44,14 +44,16 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """An equation referred to by its name, for a gradient."""
+    """An equation that is referred to by its name, because a gradient is taken with
+    respect to it.
+    """
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Infix:
-    """A binary operator with its precedence; left-associative."""
+    """A binary operator, left-associative; `binding` is its precedence."""
 
     sign: str
     binding: int
@@ -64,7 +66,9 @@ class Minus:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call; `rest` are the arguments after the operands."""
+    """A call of a function; `rest` is the text of the arguments after the operands, such as `,
+    dim=x`.
+    """
 
     name: str
     rest: str = ""
@@ -108,7 +112,9 @@ class Cutter:
     )
 
     def cut(self, term: Term, first: int, end: int) -> Term:
-        """The samples first … end − 1 of a window, counted from 0."""
+        """The samples first … end − 1 of a term's window, counted from 0 at the oldest. Raises
+        CutError if its samples are not available separately.
+        """
         for node in after_operands(term, lambda t: (id(t), first, end) in self._known):
             # the node is kept beside its part: while it lives no other node has its id
             self._known[(id(node), first, end)] = (node, self._cut_node(node, first, end))
@@ -136,7 +142,9 @@ class Cutter:
 
 
 def after_operands(root: Term, is_done: Callable[[Term], bool]) -> Iterator[Term]:
-    """Yields the unprocessed terms of a tree, operands first."""
+    """Yields the terms of a tree, operands first, each once. Terms for which `is_done` returns True
+    are left out with their operands.
+    """
     # a stack of our own: chains of relations are longer than Python lets functions nest
     stack = [(root, False)]
     seen: set[int] = set()
@@ -158,14 +166,18 @@ def number(value: float) -> Term:
 
 
 def joined(head: Head, *args: Term, dim: int | None = None) -> Term:
-    """A term for an operation that is applied to each sample and element of its operands."""
+    """A term for an operation that is applied to each sample and element of its operands. It has
+    their window, and `dim` elements, by default as many as the largest operand.
+    """
     windows = [arg.window for arg in args if arg.window is not None]
     size = max((arg.dim for arg in args), default=1) if dim is None else dim
     return Term(head, args, windows[0] if windows else None, size)
 
 
 def infix(sign: str, left: Term, right: Term) -> Term:
-    """`left sign right`, with constant folding and simplification."""
+    """The term `left sign right`; operations on two numbers are computed, and + 0, − 0, · 1 and / 1
+    are dropped.
+    """
     if isinstance(left.head, Number) and isinstance(right.head, Number) and sign in _FOLDED:
         return number(_FOLDED[sign](left.head.value, right.head.value))
     if sign == "+" and _is(left, 0.0) and right.args:
@@ -211,7 +223,7 @@ def same(term: Term) -> Term:
 
 
 def power(base: Term, exponent: Term) -> Term:
-    """A power with a known exponent: `x ** 2`."""
+    """The term base to the exponent: `x ** 2` for a number as exponent, else `pow(x, y)`."""
     if _is(exponent, 1.0):
         return base
     if isinstance(exponent.head, Number):
@@ -220,7 +232,9 @@ def power(base: Term, exponent: Term) -> Term:
 
 
 def call(name: str, *args: Term, rest: str = "", dim: int | None = None) -> Term:
-    """A function applied elementwise, or along the dimension only."""
+    """A call of a function that works elementwise, or along the dimension only, so that windows can
+    be sliced. `rest` is the text of further arguments, `dim` the number of elements.
+    """
     return joined(Call(name, rest), *args, dim=dim)
 
 
@@ -241,7 +255,9 @@ def number_text(value: float) -> str:
 
 
 def shortest(value: float) -> float:
-    """The shortest number with the same value in single precision."""
+    """The number with the fewest digits that is equal to `value` in single precision; `value`
+    itself if it is no single-precision number.
+    """
     if abs(value) > LARGEST:
         return float(value)
     single = np.float32(value)
@@ -250,7 +266,7 @@ def shortest(value: float) -> float:
 
 
 def text_of(term: Term, operands: Sequence[tuple[str, int]]) -> tuple[str, int]:
-    """The text of a term from those of its operands, and its precedence."""
+    """The text of a term and its precedence, from those of its operands."""
     match term.head:
         case Number(value):
             return number_text(value), SIGN if value < 0 else ATOM

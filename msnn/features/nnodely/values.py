@@ -19,8 +19,8 @@ class ShapeError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A value of nnodely: `window` samples with `dim` elements each, as consecutive terms
-    in time.
+    """A value of nnodely: `window` samples with `dim` elements each. `pieces` are terms of one or
+    more samples that follow each other in time.
     """
 
     window: int
@@ -29,7 +29,7 @@ class Value:
 
 
 def refuse_many(count: int) -> None:
-    """Refuses a value with too many parts."""
+    """Raises ShapeError if more than `_MOST` values are to be joined; `count` is their number."""
     if count > _MOST:
         raise ShapeError(f"more than {_MOST:,} values are joined")
 
@@ -47,7 +47,9 @@ class ValueOperations:
     cutter: Cutter
 
     def elementwise(self, make: Callable[..., Term], *values: Value) -> Value:
-        """A function of one sample and element of each; a single value applies to all samples."""
+        """Applies `make` to terms of the values; a single sample or element applies to all samples
+        or elements. Raises ShapeError if windows or sizes differ otherwise.
+        """
         sizes = {value.dim for value in values} - {1}
         windows = {value.window for value in values} - {1}
         if len(sizes) > 1 or len(windows) > 1:
@@ -64,11 +66,15 @@ class ValueOperations:
         return Value(window, max(sizes, default=1), tuple(pieces))
 
     def along(self, make: Callable[[Term], Term], value: Value, dim: int) -> Value:
-        """Applies `make` to the elements of each sample; the result has `dim` elements."""
+        """Applies `make` to each piece of a value, where it changes the elements of each sample;
+        the result has `dim` elements.
+        """
         return Value(value.window, dim, tuple(make(piece) for piece in value.pieces))
 
     def samples(self, value: Value, first: int, end: int) -> Value:
-        """The samples from `first` to `end` − 1 of a value."""
+        """The samples from `first` to `end` − 1 of a value, counted from the oldest. Raises
+        ShapeError if they do not exist, CutError if they are not available separately.
+        """
         if not 0 <= first < end <= value.window:
             raise ShapeError(f"samples {first} … {end - 1} of {value.window} do not exist")
         pieces: list[Term] = []
@@ -79,7 +85,9 @@ class ValueOperations:
         return Value(end - first, value.dim, tuple(pieces))
 
     def after(self, *values: Value) -> Value:
-        """Concatenates values along time."""
+        """Concatenates values along time, oldest first. Raises ShapeError for different numbers of
+        elements.
+        """
         sizes = {value.dim for value in values}
         if len(sizes) > 1:
             raise ShapeError("values of different sizes do not follow each other in time")
@@ -88,13 +96,17 @@ class ValueOperations:
         return Value(sum(value.window for value in values), sizes.pop(), pieces)
 
     def beside(self, *values: Value) -> Value:
-        """Concatenates values along elements."""
+        """Concatenates the elements of values, sample by sample. Raises ShapeError for different
+        windows.
+        """
         refuse_many(sum(value.dim for value in values))
         elements = [self.element(value, i) for value in values for i in range(value.dim)]
         return self.stacked(elements)
 
     def stacked(self, elements: Sequence[Value]) -> Value:
-        """Combines scalars to the elements of one value."""
+        """Combines scalar values to one value, of which they are the elements. Raises ShapeError
+        for different windows.
+        """
         if len(elements) == 1:
             return elements[0]
         refuse_many(len(elements))
@@ -107,7 +119,9 @@ class ValueOperations:
         return Value(value.window, len(elements), value.pieces)
 
     def element(self, value: Value, index: int) -> Value:
-        """The element `index` of every sample of a value."""
+        """The element `index` of every sample of a value, as a value. Raises ShapeError if it does
+        not exist.
+        """
         if not 0 <= index < value.dim:
             raise ShapeError(f"element {index} of {value.dim} does not exist")
         if value.dim == 1:
@@ -115,7 +129,9 @@ class ValueOperations:
         return self.along(lambda term: element_of(term, index, self.dims), value, 1)
 
     def whole(self, value: Value) -> Term:
-        """All samples as one term: a window, or an unnamed axis for several parts."""
+        """All samples of a value as one term: a window if the value is one piece, else its pieces
+        joined along an unnamed axis.
+        """
         if len(value.pieces) == 1:
             return value.pieces[0]
         refuse_many(value.window)
@@ -132,7 +148,7 @@ class ValueOperations:
 
 
 def element_of(term: Term, index: int, dims: Dims) -> Term:
-    """An element of a term with a dimension, or the corresponding separate element."""
+    """Element `index` of a term with a dimension, as a term; of a `stack` the operand itself."""
     match term.head:
         # no `part` of a `stack`: the element itself is shorter and shared
         case Call("stack") if len(term.args) == term.dim:
@@ -144,7 +160,7 @@ def element_of(term: Term, index: int, dims: Dims) -> Term:
 
 
 def filled(value: float, like: Value) -> Value:
-    """A constant for each sample of `like`, with the same window."""
+    """A scalar value that is the constant `value` at each sample, with the window of `like`."""
     if like.window == 1:
         return one_piece(number(value))
     # a number has no window; 0 times the value lends it one

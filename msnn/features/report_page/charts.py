@@ -23,14 +23,16 @@ MOST_MEASUREMENTS = 8
 
 
 def color_of(number: int) -> str:
-    """The CSS class of the colour of a curve, by its index."""
+    """The CSS class of the colour of curve `number`; colours repeat after `_COLORS` curves."""
     return f"c{number % _COLORS + 1}"
 
 
 def error_charts(
     measurements: Sequence[Measurement], rows: Sequence[MetricRow]
 ) -> Iterator[tuple[str, Plain]]:
-    """Titles and charts: correlations of errors, and growth of errors along rollouts."""
+    """Titles and charts for the first `MOST_MEASUREMENTS` measurements: correlations of the errors,
+    and their growth along rollouts. `rows` are the metrics of the spec, whose limits are drawn.
+    """
     for found in measurements[:MOST_MEASUREMENTS]:
         title = ", ".join(measured_as(found))
         correlations = _correlations(found)
@@ -41,7 +43,11 @@ def error_charts(
 
 
 def _correlations(found: Measurement) -> Plain | None:
-    """Each correlation with the band of noise, one panel for the errors and one per input."""
+    """A chart of the correlations of the errors with themselves and with at most `_MOST_INPUTS`
+    inputs, each with the band in which 99 % of the correlations of noise lie.
+
+    Only the first element of a vector is drawn. None if its autocorrelation is unknown.
+    """
     # of a vector the first number; how many more there are stands in the note
     first = found.judged.residuals[0]
     if first.itself is None:
@@ -129,7 +135,9 @@ def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
 
 
 def training_charts(run: Run) -> Iterator[tuple[str, Plain]]:
-    """One chart per stage: training loss and monitor over epochs."""
+    """Yields a title and a chart of training loss and monitor over epochs, for each stage with more
+    than one epoch.
+    """
     for stage in run.stages:
         if len(stage.epochs) > 1:
             yield f"Stage {stage.reached.stage}", _losses(stage)

@@ -40,7 +40,9 @@ _LARGEST = 600_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveModel:
-    """The WebAssembly module of a model, and the values with which the page runs it."""
+    """A model that the page can run in the browser. `values` is the JSON object that the page
+    reads: WebAssembly, ports, golden steps; `ports` are the signals that it needs from recordings.
+    """
 
     values: Plain
     ports: Ports
@@ -50,7 +52,7 @@ class LiveModel:
 
 @dataclass(frozen=True, slots=True)
 class NotLive:
-    """The reason why the page cannot run the model, and a repair."""
+    """The reason why the page cannot run the model, and a repair; None if there is none."""
 
     reason: str
     repair: str | None = None
@@ -62,9 +64,12 @@ def live_model(
     data: Dataset | None,
     runs: Sequence[Simulation] = (),
 ) -> LiveModel | NotLive:
-    """The C code of `msnn export --to c`, compiled to WebAssembly.
+    """Compiles the C code of `msnn export --to c` to WebAssembly for the page, and describes its
+    ports.
 
-    States with an estimated initial value start from the estimate of one of these runs.
+    `data` gives the ranges of sliders. States with an estimated initial value start from the
+    estimates of `runs`. Returns NotLive if the model cannot be exported to C, its arithmetic is
+    fixed point, zig is missing or fails, or the result is too large for the page.
     """
     findings = Findings()
     plans = plan_exports(model, ("c",), findings, weights=weights)
@@ -124,12 +129,16 @@ def live_model(
 
 
 def linear_inputs(model: Model) -> frozenset[str]:
-    """The inputs that the model interpolates linearly between samples."""
+    """The names of the inputs that the spec interpolates linearly between samples."""
     return frozenset(name for name, entry in model.spec.inputs.items() if entry.is_linear)
 
 
 def _ports(about: Plain, struct: str, kind: str, data: Dataset | None) -> list[Plain]:
-    """The signals in a C struct: their byte offsets, and the ranges of their sliders."""
+    """The fields of the C struct `struct` as JSON objects: byte offset, shape, unit, slider range.
+
+    `about` is the description that is exported with the C code; `kind` is its list of the ports in
+    this struct, `inputs` or `start_windows`.
+    """
     # a field without a port is time, or a flag that no record has
     described = {port["port"]: port for port in about[kind]}
     return [
@@ -164,7 +173,9 @@ def _port(field: Plain, offset: int, port: Plain | None, data: Dataset | None) -
 
 
 def _describe_start(port: Plain, program: Program, runs: Sequence[Simulation]) -> None:
-    """Gives a state with an estimated initial value a slider around the recordings' estimates."""
+    """Sets the slider range and initial values of `port` if it is a state with an estimated initial
+    value: its declared range, else a range around the estimates of `runs`, else -1 to 1.
+    """
     state = next((s for s in estimated_states(program) if s.name == port["name"]), None)
     if state is None or port["signal"] is not None:
         return
@@ -188,7 +199,10 @@ def _unit(port: Plain | None) -> str:
 
 
 def _indices(shape: Sequence[int], count: int, has_window: bool) -> list[tuple[int, ...]]:
-    """The indices of the elements, without the window axis, which is the last."""
+    """The index of each element of a C array of this shape, in order; a window axis, which is the
+    last, is left out. `count` is the number of elements per sample. If the shape lacks an axis of
+    1, elements are numbered from 0.
+    """
     axes = shape[:-1] if has_window else shape
     found = list(np.ndindex(*axes))
     # an axis of 1 may be missing in the shape of C: elements are then numbered flat
@@ -196,7 +210,9 @@ def _indices(shape: Sequence[int], count: int, has_window: bool) -> list[tuple[i
 
 
 def _outputs(about: Plain, program: Program) -> list[Plain]:
-    """The fields with the results of a step, and the signal that each predicts."""
+    """The fields of the C struct of results as JSON objects, with the signal that each predicts
+    (None for other outputs) and how many samples ahead of the latest input.
+    """
     ahead = {output.name: output.predicts for output in program.outputs}
     described = {port["port"]: port for port in about["outputs"]}
     found: list[Plain] = []
@@ -222,7 +238,9 @@ def _outputs(about: Plain, program: Program) -> list[Plain]:
 
 
 def _fields(layout: Plain, struct: str) -> list[tuple[Plain, int]]:
-    """The members of a C struct with their byte offsets in WebAssembly (wasm32)."""
+    """The members of a C struct with their byte offsets in WebAssembly (wasm32). `layout` describes
+    the structs of the exported C code by name.
+    """
     fields: list[Plain] = layout["structs"][struct]
     # numpy's aligned dtypes follow the rules of C: each field at a multiple of its size
     dtype = StructMemory(fields, NUMBERS[layout["dtype"]]).dtype
@@ -231,8 +249,8 @@ def _fields(layout: Plain, struct: str) -> list[tuple[Plain, int]]:
 
 
 def _slider(field: Plain, port: Plain | None, data: Dataset | None) -> tuple[float, float, float]:
-    """Minimum, maximum and initial value of a slider: from the declared range, else from the
-    data.
+    """Minimum, maximum and initial value of a slider, from the declared range, else from the
+    minimum, maximum and median in the data, else -1, 1 and 0. Minimum < maximum always holds.
     """
     declared: list[float | None] = field["range"] or [None, None]
     low, high, middle = -1.0, 1.0, 0.0
@@ -251,7 +269,9 @@ def _slider(field: Plain, port: Plain | None, data: Dataset | None) -> tuple[flo
 
 
 def _fed_by(port: Plain, outputs: Sequence[Plain]) -> int | None:
-    """The output that predicts the next sample of a single-sample input."""
+    """The index of the output that predicts a sample of this input after all that the step reads;
+    it is fed back on the page. None if there is no such output.
+    """
     for number, output in enumerate(outputs):
         if (
             output["predicts"] == port["signal"]
@@ -300,10 +320,12 @@ _ROOM = 4096
 
 
 def web_assembly(model: ExportedC, folder: Path) -> bytes:
-    """The WebAssembly module; `folder` receives the harness and intermediate files.
+    """Compiles exported C code with zig; returns the WebAssembly module. `folder` receives the
+    harness and intermediate files.
 
-    The flags are those of the boards: no library, no fused operations. Raises MissingExtraError
-    without zig, and CompilerFailedError if the C code needs a library.
+    The flags are those for microcontrollers: no library, no fused operations. Raises
+    MissingExtraError without zig, and CompilerFailedError if zig fails, takes too long, or the code
+    needs a library.
     """
     ZIGLANG.require("compiles the model of a report to WebAssembly")
     zig = zig_program()

@@ -17,7 +17,8 @@ _FAR = 2.0
 
 
 def packed(values: FloatArray) -> Plain:
-    """Little-endian float32 in base64; values beyond single precision become infinite.
+    """A JSON object with the values as base64 of little-endian float32; values beyond single
+    precision become infinite.
 
     Values that are close together and far from 0, such as times since 1970, are stored as
     differences from `base`, so that single precision suffices.
@@ -31,7 +32,7 @@ def packed(values: FloatArray) -> Plain:
 
 
 def rounding(values: FloatArray) -> float:
-    """The maximum rounding error of packed values."""
+    """A bound on the rounding error of the finite values in `packed`, in their unit."""
     known = values[np.isfinite(values)] - _base(values)
     # half a unit in the last place of the largest, by round to nearest even
     return float(np.abs(known).max(initial=0.0)) * 2.0**-24
@@ -48,9 +49,11 @@ def _base(values: FloatArray) -> float:
 
 
 def thinned(values: FloatArray, block: int) -> Plain:
-    """Minimum and maximum of each block of values, in their order.
+    """Minimum and maximum of each block of `block` values, packed, in the order in which they
+    occur.
 
     The page draws two points per block, so that no peak is lost. A block without numbers is NaN.
+    `every` is the number of samples per point.
     """
     count = math.ceil(len(values) / block)
     # the last block is filled up with what is not drawn
@@ -72,7 +75,9 @@ def thinned(values: FloatArray, block: int) -> Plain:
 
 
 def series(values: FloatArray, block: int) -> Plain:
-    """All values, or two per block if blocks have more than two."""
+    """The values in packed form: all of them for `block` ≤ 2, else two per block of
+    `block` values.
+    """
     return packed(values) if block <= 2 else thinned(values, block)
 
 
@@ -82,5 +87,5 @@ def finite(value: float | None) -> float | None:
 
 
 def listed(values: FloatArray) -> list[float | None]:
-    """Few values as JSON numbers."""
+    """The values as a flat list of JSON numbers; NaN and infinity become None. For short arrays."""
     return [finite(value) for value in np.asarray(values, np.float64).ravel().tolist()]

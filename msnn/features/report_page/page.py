@@ -46,7 +46,9 @@ _SCRIPTS = ("plot.js", "page.js", "live.js")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """The contents of a run's page."""
+    """Everything that the page of a run shows. `data` and `validation` are None if the data cannot
+    be read, `line` and `verification` if there is none.
+    """
 
     run: Run
     model: Model
@@ -65,7 +67,9 @@ class Contents:
 
 
 def page_text(contents: Contents) -> str:
-    """The page; texts of a spec or a file are escaped."""
+    """The page as HTML text. All texts of a spec or a file are escaped, and only scripts and styles
+    of msnn may run (Content-Security-Policy).
+    """
     program = contents.model.program
     live = contents.live if isinstance(contents.live, LiveModel) else None
     shown = _records(contents, live)
@@ -140,7 +144,9 @@ def _records(contents: Contents, live: LiveModel | None) -> Records:
 
 
 def _undrawn(contents: Contents, measurements: int) -> Iterator[str]:
-    """Texts about omitted parts, except recordings."""
+    """One text for each limit on charts that was exceeded: learned functions, and measurements,
+    whose number is `measurements`. Recordings are counted elsewhere.
+    """
     for found, most, what in (
         (len(contents.functions), MOST_FUNCTIONS, "learned functions"),
         (measurements, MOST_MEASUREMENTS, "measurements, whose metrics are all in the table,"),
@@ -150,7 +156,9 @@ def _undrawn(contents: Contents, measurements: int) -> Iterator[str]:
 
 
 def _titled(charts: dict[str, Plain], kind: str, found: Any) -> list[tuple[str, str]]:
-    """Adds charts to `charts` under keys that begin with `kind`; returns keys and titles."""
+    """Adds the charts of `found`, pairs of title and chart, to `charts` under the keys `kind-0`,
+    `kind-1` and so on; returns keys and titles.
+    """
     titles: list[tuple[str, str]] = []
     for title, chart in found:
         key = f"{kind}-{len(titles)}"
@@ -180,7 +188,9 @@ def _facts(contents: Contents) -> list[tuple[str, str]]:
 
 
 def _cards(contents: Contents) -> list[tuple[str, str, str]]:
-    """The main results at the top of the page: value, description, verdict."""
+    """The main results at the top of the page, each as value, description, and the measured output
+    with its simulation and data (empty for other results).
+    """
     cards: list[tuple[str, str, str]] = []
     validation = contents.validation
     if validation is not None:
@@ -227,7 +237,9 @@ def _c_tables(contents: Contents, live: LiveModel | None) -> list[tables.PageTab
 
 
 def _json(values: Plain) -> str:
-    """JSON text that cannot end its HTML element."""
+    """The values as JSON text without `<`, `>` and `&`, so that it cannot end its HTML element.
+    Raises ValueError for NaN and infinity.
+    """
     # allow_nan=False: browsers reject the NaN that Python would write
     text = json.dumps(values, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     # `</script>` ends the element wherever it stands; U+2028 and U+2029 end lines in older
@@ -238,7 +250,7 @@ def _json(values: Plain) -> str:
 
 
 def _hash(text: str) -> str:
-    """The hash that the page's content security policy allows."""
+    """SHA-256 of a script or a style in base64, as the page's content security policy lists it."""
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
 
 
@@ -257,7 +269,7 @@ def _environment() -> jinja2.Environment:
 
 
 def marked(text: str) -> Markup:
-    """A message as HTML; text between backticks becomes code."""
+    """A message as escaped HTML; text between two backticks becomes `<code>`."""
     parts = text.split("`")
     # a backtick without another: no part is known to be code
     if len(parts) % 2 == 0:

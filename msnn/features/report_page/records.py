@@ -30,7 +30,7 @@ _SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """The recordings that the page shows, and texts about omitted ones."""
+    """The recordings that the page shows, as JSON objects, and texts about omitted ones."""
 
     shown: list[Plain]
     left_out: list[str]
@@ -38,7 +38,9 @@ class Records:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ports:
-    """The signals that the live model reads, and the samples needed before and after a run."""
+    """The names of the signals that the live model reads, and how many samples of them it needs
+    before the first step (`back`) and after the last one (`ahead`).
+    """
 
     back: int
     ahead: int
@@ -52,10 +54,12 @@ def records(
     ports: Ports,
     linear: frozenset[str] = frozenset(),
 ) -> Records:
-    """The runs in order, test set first, as many as fit; the first ones without thinning.
+    """The runs as the page draws them, test set first, as many as fit into about 3 MB; the first
+    ones with all samples, later ones thinned.
 
-    `program` is the model's, in window form; a predicted input is fed back and not drawn as input.
-    Inputs are held between samples, except for the `linear` ones.
+    `program` is in window form; a predicted input is fed back and not drawn as input. `ports` are
+    the signals of the live model, which are stored too. Inputs are drawn as held between samples,
+    except for those in `linear`.
     """
     ordered = shown_first(runs)
     outputs = output_channels(program)
@@ -99,13 +103,15 @@ def _left_out(records: int, program: Program) -> list[str]:
 
 
 def _open(program: Program) -> list[Signal]:
-    """The inputs that a simulation reads from the recording."""
+    """The inputs that a simulation reads from the recording: all that no output predicts."""
     predicted = {o.predicts.signal for o in program.outputs if o.predicts is not None}
     return [s for s in program.signals if s.role is Role.INPUT and s.name not in predicted]
 
 
 def _signals(program: Program, data: Dataset, ports: frozenset[str]) -> list[DrawnNumber]:
-    """Elements of signals read from the recording, and of predicted signals."""
+    """The elements of the recorded signals that the page stores: inputs, predicted targets, and
+    targets that the live model reads (`ports`).
+    """
     predicted = {o.predicts.signal for o in program.outputs if o.predicts is not None}
     wanted = [s for s in program.signals if s.name in data.series]
     wanted = [s for s in wanted if s.role is Role.INPUT or s.name in predicted | ports]
@@ -172,8 +178,8 @@ def _record(
 
 
 def _places(run: Simulation) -> Plain:
-    """The x-axis of a recording: times in seconds, or rows; start and step if they are evenly
-    spaced.
+    """The x-axis of a run as JSON: times in seconds, or row numbers if the recording has no times.
+    Start and step if they are evenly spaced within a hundredth of a step, else all values.
     """
     along = run.places.along(timed=True)
     if len(along) < 2:
@@ -218,8 +224,10 @@ def _output(
 def _measured(
     run: Simulation, data: Dataset, channel: DrawnNumber, measured: FloatArray, block: int, t0: int
 ) -> Plain:
-    """The measurements of an output: a reference to a stored signal and its shift, or the
-    values.
+    """The measurements of the output `channel` as JSON. If a stored signal has the same values
+    `ahead` samples later, only its name and `ahead`; else `measured`, thinned in blocks of `block`.
+
+    `t0` is the row of the first step in `data`.
     """
     assert channel.predicts is not None
     name, ahead = channel.predicts

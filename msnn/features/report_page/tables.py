@@ -31,8 +31,8 @@ _MOST_LISTED = 256
 
 @dataclass(frozen=True, slots=True)
 class PageRow:
-    """The cells of a table row; `verdict` colours the last one, `more` is shown when the user opens
-    it.
+    """The cells of a table row as text. `verdict` (`good`, `bad` or empty) colours the last cell;
+    `more` is text that is shown when the user opens the row.
     """
 
     cells: tuple[str, ...]
@@ -42,7 +42,7 @@ class PageRow:
 
 @dataclass(frozen=True, slots=True)
 class PageTable:
-    """A table with its caption; columns in `numbers` are right-aligned."""
+    """A table with its caption; the columns whose indices are in `numbers` are right-aligned."""
 
     caption: str
     header: tuple[str, ...]
@@ -56,7 +56,9 @@ def short(value: float | None, digits: int = 5) -> str:
 
 
 def limits_table(rows: Sequence[MetricRow]) -> PageTable:
-    """The metrics of the spec with their limits."""
+    """One row for each metric of the spec's `validate` section: value, limit, and `kept` or
+    `broken`.
+    """
     verdicts = {True: "kept", False: "broken", None: ""}
     return PageTable(
         "What the spec asks",
@@ -105,7 +107,9 @@ def measurements_table(measurements: Sequence[Measurement]) -> PageTable:
 
 
 def parameters_table(record: Mapping[str, Any], program: Program) -> PageTable:
-    """Learned values with units, standard errors and docs; long arrays open on demand."""
+    """One row per parameter: value, standard error, unit, initial value, remark, doc. `record` is
+    the parameter report of the run. Elements of long arrays are shown when the row is opened.
+    """
     docs = {parameter.name: parameter.doc for parameter in program.parameters}
     rows: list[PageRow] = []
     for found in record["parameters"]:
@@ -164,7 +168,9 @@ def _listed(values: Sequence[float | None], errors: Sequence[float | None] | Non
 
 
 def data_tables(program: Program, data: Dataset) -> Iterator[PageTable]:
-    """Recordings by set, and statistics of each signal."""
+    """Yields two tables: recordings and rows of each set, then minimum, mean, maximum, standard
+    deviation and number of missing values of each signal.
+    """
     sets = [*data.sets, *(["no set"] if (data.set_of_row == UNASSIGNED).any() else [])]
     rows = tuple(
         PageRow((name, str(records), str(count), _duration(program, count)))
@@ -212,7 +218,9 @@ def _duration(program: Program, rows: int) -> str:
 
 
 def c_table(memory: Mapping[str, int], cost: Cost | None) -> PageTable:
-    """Bytes of the C code, and the cost of a step if measured."""
+    """The bytes in `memory`, by description, and with `cost` instructions, flash and RAM of a step
+    on the core on which they were measured.
+    """
     rows = [PageRow((what, str(size), "bytes")) for what, size in memory.items()]
     if cost is not None:
         core = f" ({cost.core})"
@@ -225,7 +233,9 @@ def c_table(memory: Mapping[str, int], cost: Cost | None) -> PageTable:
 
 
 def verification_table(found: Mapping[str, Any]) -> PageTable:
-    """The checks of `msnn verify --format json`."""
+    """The results of `msnn verify`; `found` is the object that `msnn verify --format
+    json` prints.
+    """
     rows = tuple(
         PageRow(
             (
@@ -244,7 +254,9 @@ def verification_table(found: Mapping[str, Any]) -> PageTable:
 
 @dataclass(frozen=True, slots=True)
 class ShownEquation:
-    """A formula as MathML, with the unit and doc of its left side."""
+    """A formula as MathML. `kind` is `function`, `equation`, `state` or `output`; `unit` and `doc`
+    are those of the left side.
+    """
 
     kind: str
     mathml: str
@@ -296,7 +308,9 @@ def _row(left: str, right: str) -> str:
 
 
 def _start(init: InitialState) -> str:
-    """The initial value of each run; for an estimated one also the initial guess."""
+    """The right side of a state's initial value as MathML: its formula, or the words for an
+    estimated one, with the initial guess if there is one.
+    """
     begin = None if init.expression is None else expression_mathml(init.expression)
     if init.fit is None:
         assert begin is not None
@@ -306,7 +320,9 @@ def _start(init: InitialState) -> str:
 
 
 def _predicted(prediction: Prediction) -> str:
-    """The predicted signal with a hat, at the predicted sample."""
+    """The predicted signal as MathML: its name with a hat and the index of the sample,
+    such as t+1.
+    """
     ahead = prediction.ahead
     now = isinstance(ahead, Samples) and ahead.count == 0
     index = "t" if now else f"t+{length_text(ahead)}"

@@ -16,7 +16,8 @@ _Piece = TypeVar("_Piece")
 
 
 def _difference(before: str, text: str) -> str | None:
-    """Describes the first difference of two URDFs; None if both describe the same robot.
+    """A text about the first difference of two URDF texts, such as "the link `arm` is another one";
+    None if both describe the same robot.
 
     Comments, names of meshes and other text that no model reads are ignored.
     """

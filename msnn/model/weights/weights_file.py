@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
 
@@ -16,7 +17,6 @@ from compiler.ir.program import Parameter, Program, UsedPlugin
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning import training as training_errors
 from msnn.errors.learning import weights as errors
-from msnn.errors.learning import weights as weight_errors
 from msnn.model.saved_run import DESCRIPTION, WEIGHTS, followed, read_json, recorded_plugins
 from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
@@ -62,14 +62,14 @@ def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
         arrays = arrays_in(path.read_bytes())
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise SpecError((weight_errors.unreadable_weights(shown, reason),)) from error
+        raise SpecError((errors.unreadable_weights(shown, reason),)) from error
     except WeightsFault as fault:
-        raise SpecError((weight_errors.unreadable_weights(shown, str(fault)),)) from fault
+        raise SpecError((errors.unreadable_weights(shown, str(fault)),)) from fault
     try:
         return checked_weights(program, arrays, shown)
     except SpecError as error:
         changed = changed_plugins(path, program)
-        raise SpecError([errors.of_other_plugins(f, changed) for f in error.diagnostics]) from error
+        raise SpecError([_of_other_plugins(f, changed) for f in error.diagnostics]) from error
 
 
 def changed_plugins(weights: Path, program: Program) -> list[tuple[str, UsedPlugin]]:
@@ -83,6 +83,23 @@ def changed_plugins(weights: Path, program: Program) -> list[tuple[str, UsedPlug
         for now in program.plugins
         if then.get(now.package, now.version) != now.version
     ]
+
+
+_OF_ARRAYS = ("E0911", "E0912", "E0959")
+"""The codes of arrays that are missing, unknown, or of another shape."""
+
+
+def _of_other_plugins(fault: Diagnostic, changed: Sequence[tuple[str, UsedPlugin]]) -> Diagnostic:
+    """A fault of the arrays in a weights file, with the plug-ins that had another version then."""
+    if fault.code not in _OF_ARRAYS or not changed:
+        return fault
+    notes = [
+        f"it was trained with {p.package} {then}, and {p.version} is installed"
+        for then, p in changed
+    ]
+    then, first = changed[0]
+    repair = f"install {first.package} {then}, or train again with {first.version}"
+    return replace(fault, notes=(*fault.notes, *notes), help=repair)
 
 
 _ROUNDING = float(np.finfo(np.float32).eps)

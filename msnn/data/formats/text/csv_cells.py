@@ -23,13 +23,14 @@ from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment, read_moment
+from spec_schema.sections.data import THOUSANDS
 
 CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
 """A constructor in `errors`: (file, row, column, text, count of further faults, place)."""
 
 # `1,5` where the delimiter is no comma
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
+_POINTS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 """`1.500`: 1500 if the decimal sign is a comma, otherwise 1.5."""
 _LONGEST_SHOWN = 40
 _MISSING_TIME: CellFault = partial(cell_errors.missing_value, is_time=True)
@@ -157,27 +158,52 @@ class _Times(_Numbers):
 
 
 @cache
-def _comma_fault(delimiter: str) -> CellFault:
+def _not_a_number(dialect: Dialect) -> CellFault:
+    delimiter = dialect.delimiter if dialect.is_text else None
+    return partial(cell_errors.not_a_number, delimiter=delimiter, decimal=dialect.decimal)
+
+
+@cache
+def _comma_fault(dialect: Dialect) -> CellFault:
+    delimiter = dialect.delimiter if dialect.is_text else None
     return partial(cell_errors.decimal_comma, delimiter=delimiter)
+
+
+@cache
+def _group_fault(dialect: Dialect) -> CellFault:
+    signs = {"thousands": dialect.thousands or "", "decimal": dialect.decimal}
+    return partial(cell_errors.wrong_groups, **signs)
 
 
 def _number(
     cell: str, dialect: Dialect, may_miss: bool, marks: frozenset[str] = frozenset()
 ) -> tuple[float, CellFault | None]:
-    has_commas = dialect.decimal != "."
-    text = cell.replace(dialect.decimal, ".") if has_commas else cell
+    text = dialect.plain(cell)
     if text.lower() in MISSING or cell.lower() in marks:
         return math.nan, None if may_miss else cell_errors.missing_value
     # reading it as 1.5 would be wrong by a factor of a thousand without a word
-    if has_commas and _THOUSANDS.fullmatch(cell):
-        return math.nan, cell_errors.not_a_number
+    if dialect.decimal != "." and dialect.thousands != "." and _POINTS.fullmatch(cell):
+        return math.nan, _not_a_number(dialect)
+    if dialect.thousands is not None and (fault := _fault_of_groups(cell, dialect)) is not None:
+        return math.nan, fault
     if not is_number(text):
         comma = _DECIMAL_COMMA.fullmatch(text) is not None
-        return math.nan, _comma_fault(dialect.delimiter) if comma else cell_errors.not_a_number
+        return math.nan, (_comma_fault if comma else _not_a_number)(dialect)
     value = float(text)
     if math.isnan(value):  # "-nan", "+NaN"
         return value, None if may_miss else cell_errors.missing_value
     return value, cell_errors.infinite_value if math.isinf(value) else None
+
+
+def _fault_of_groups(cell: str, dialect: Dialect) -> CellFault | None:
+    """The fault of a cell with signs of thousands whose groups have not three digits."""
+    signs = THOUSANDS[dialect.thousands or "."]
+    if dialect.is_grouped(cell) or not any(sign in cell for sign in signs):
+        return None
+    digits = cell.translate(dict.fromkeys(map(ord, signs)))
+    if is_number(digits.replace(dialect.decimal, ".")):
+        return _group_fault(dialect)
+    return _not_a_number(dialect)
 
 
 def _lines(lines: Lines, header: Header) -> Iterator[_Line]:

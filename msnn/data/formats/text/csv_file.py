@@ -32,6 +32,8 @@ from msnn.errors.data import files as errors
 from msnn.errors.data.rows import decimal_between_cells
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
+from spec_schema.errors.schema import ambiguous_thousands
+from spec_schema.sections.data import THOUSANDS
 
 _CHUNK = 1 << 20
 
@@ -60,6 +62,10 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
     is_both = signs.delimiter == signs.decimal and header.width > 1
     if is_both and not any('"' in text for _, text in lines()):
         raise SpecError((decimal_between_cells(shown, signs.decimal, header.place),))
+    if signs.thousands is not None and signs.delimiter in THOUSANDS[signs.thousands]:
+        repair = "name the true delimiter by `delimiter:`, or remove `thousands:`"
+        role = f"separates the cells of {shown}"
+        raise SpecError((ambiguous_thousands(signs.thousands, role, header.place, repair),))
     places = header.places(wanted)
     if header.width == 1:
         lines = with_blank_rows(partial(content_lines, path, dialect, shown, blank=True), header)

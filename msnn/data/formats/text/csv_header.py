@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import TypeAlias
@@ -26,6 +28,7 @@ from msnn.data.formats.written_units import (
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
+from spec_schema.sections.data import THOUSANDS
 
 BLANKS = " "
 """The delimiter of tables whose cells are separated by one or more blanks or tabs."""
@@ -47,9 +50,32 @@ class Dialect:
     is_usual: bool = False
     """True if the spec gives no delimiter, so that it may be inferred from the header."""
     decimal: str = "."
+    thousands: str | None = None
+    """The sign between groups of three digits, or None."""
     comment: str | None = None
     header: bool = True
     skip: int = 0
+    is_text: bool = True
+    """False for a workbook, whose numbers have no signs that `csv:` names."""
+
+    def is_grouped(self, cell: str) -> bool:
+        """True for a number with signs of thousands between groups of three digits."""
+        if self.thousands is None:
+            return False
+        return _grouped(THOUSANDS[self.thousands], self.decimal).fullmatch(cell) is not None
+
+    def plain(self, cell: str) -> str:
+        """The text of a number as Python reads it: no signs of thousands, a decimal point."""
+        if self.thousands is not None and self.is_grouped(cell):
+            cell = cell.translate(dict.fromkeys(map(ord, THOUSANDS[self.thousands])))
+        return cell if self.decimal == "." else cell.replace(self.decimal, ".")
+
+
+@cache
+def _grouped(signs: str, decimal: str) -> re.Pattern[str]:
+    """`1.234.567,5`; the first group is not 0, as `0.123` is a number with decimals."""
+    digits = rf"[+-]?[1-9]\d{{0,2}}(?:[{re.escape(signs)}]\d{{3}})+"
+    return re.compile(rf"{digits}(?:{re.escape(decimal)}\d*)?(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +120,7 @@ class Header:
     def holds_numbers(self) -> bool:
         """True if all cells of the line are numbers, so that it is probably data."""
         # a header of numbers is one that is missing
-        return all(is_number(name.replace(self.dialect.decimal, ".")) for name in self.names)
+        return all(is_number(self.dialect.plain(name)) for name in self.names)
 
     def label(self, index: int) -> str:
         """The name of a column in messages: from the header, else its index."""

@@ -29,7 +29,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     # once: a workbook is unpacked and parsed each time it is opened
     every = list(sheet_lines(path, dialect, shown, blank=True))
     found = [(number, text) for number, text in every if text]
-    own = Dialect(delimiter=_CELLS, comment=dialect.comment, header=dialect.header)
+    own = Dialect(delimiter=_CELLS, comment=dialect.comment, header=dialect.header, is_text=False)
 
     def lines() -> Iterator[tuple[int, str]]:
         return iter(found)

@@ -29,8 +29,9 @@ def about_text(
 ) -> str:
     """Returns the text of the JSON file that describes a controller.
 
-    `struct` lists the members of its state struct, `fields` those of its input struct next to x.
-    `cost_scale` is the factor by which the solver multiplies the cost of the spec.
+    `prefix` is that of its C names. `struct` lists the members of its state struct, `fields` those
+    of its input struct next to x, `rows` its limits. `plan` tells where the plan is in the state
+    struct. `cost_scale` is the factor by which the solver multiplies the cost of the spec.
     """
     real = dtype
 
@@ -73,9 +74,10 @@ def about_text(
 
 
 def _limits(rows: Rows, control: int) -> dict[str, Any]:
-    """Returns constant limits of an element of u, and its rate limit if it has one.
+    """Returns the constant limits of the element `control` of u, and its rate limit (per sample) if
+    it has one. Limits that depend on references are None.
 
-    `before` is the index in x of its previous value.
+    `before` is the index in x of the control's previous value.
     """
     row = rows.rows[control]
     limits: dict[str, Any] = {
@@ -108,7 +110,9 @@ Kind = Literal["real", "int32", "uint32", "uint8"]
 
 @dataclass(frozen=True, slots=True)
 class StructMember:
-    """A scalar or an array of a C struct; `real` is the C floating-point type."""
+    """A scalar (shape ()) or an array of a C struct; `real` is the name of the C floating-point
+    type, which the kind `real` has.
+    """
 
     name: str
     kind: Kind
@@ -148,7 +152,8 @@ class Sizes:
 
 
 def members(sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str) -> list[StructMember]:
-    """Lists the members in the order of the struct.
+    """Lists the members of the state struct of a solver, in order. `real` is the C floating-point
+    type.
 
     `shapes` has the arrays that depend on the structure of the solver (`Form.shapes`).
     """

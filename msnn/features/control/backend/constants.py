@@ -18,7 +18,9 @@ _FAR = 1e3
 
 
 def reachable(tolerance: float, dtype: Dtype) -> float:
-    """Returns the tolerance; in float32 at least 1e-3, as rounding limits the residuals."""
+    """Returns the tolerance for a solver that computes in `dtype`: in float32 at least 1e-3, as
+    rounding limits the residuals.
+    """
     # float32 has a relative precision of 1.2e-7, and residuals are differences of long sums of
     # products
     return tolerance if dtype == "float64" else max(tolerance, 1e-3)

@@ -52,7 +52,9 @@ class FilterField:
 
 
 def input_fields(problem: EstimationProblem, estimated: Vector) -> tuple[FilterField, ...]:
-    """Lists the fields of the struct that `predict` reads: all inputs of the model."""
+    """Lists the fields of the struct that `predict` reads: all inputs of the model. `estimated` is
+    the layout of the estimate, which contains the shift registers.
+    """
     taken: set[str] = set()
     return tuple(
         FilterField(

@@ -38,7 +38,9 @@ class FilterFunctions:
 def filter_functions(
     problem: EstimationProblem, program: Program, numbers: Vector, table: FunctionTable, real: str
 ) -> FilterFunctions:
-    """Writes the functions of a program without parameters; its states ξ have layout `numbers`."""
+    """Writes the functions of a Kalman filter. `program` has no parameters; `numbers` is the layout
+    of its states ξ, `real` the C floating-point type. `table` collects the called math kernels.
+    """
     # without outputs, the graph has no nodes that only they need
     transition = _slopes(replace(program, outputs=()))
     measured = [
@@ -93,7 +95,9 @@ class _Writer:
     def function(
         self, name: str, derivatives: StepDerivatives, results: Sequence[str], doc: str
     ) -> Function:
-        """Writes `<prefix>_<name>`, which stores these results and their Jacobian by ξ."""
+        """Writes `<prefix>_<name>`, which stores these results, by name, and their Jacobian with
+        respect to ξ.
+        """
         places = vector_places("z", self.numbers) | vector_places("given", self.inputs)
         body = FunctionBody(derivatives.graph, self.table, self.program.formulas, places)
         firsts: dict[str, int] = {}

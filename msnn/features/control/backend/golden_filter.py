@@ -65,9 +65,10 @@ class GoldenSteps:
 def golden_steps(
     problem: EstimationProblem, weights: Mapping[str, ArrayLike], dtype: Dtype, seed: int = 0
 ) -> GoldenSteps:
-    """Runs the Python filter on drawn inputs and measurements, from a drawn initial state.
+    """Runs the Python filter on random inputs and measurements, from a random initial state, and
+    returns its estimates as golden steps.
 
-    The drawn values are exact in float32 and float64. The tolerances follow from the difference
+    The random values are exact in float32 and float64. The tolerances follow from the difference
     between runs in float64 and float32, scaled to the machine epsilon of `dtype`. The run ends
     early if rounding changes a status.
     """
@@ -138,7 +139,9 @@ def golden_steps(
 
 
 def _start(reference: KalmanFilter, random: np.random.Generator) -> Array:
-    """Returns the initial states of the spec; those without one are drawn within their ranges."""
+    """Returns the initial states of the spec, flat; those without one are drawn within their
+    ranges.
+    """
     parts: list[Array] = []
     for state in reference.problem.program.states:
         member = reference.numbers.member(state.name)
@@ -183,9 +186,11 @@ def _flat(values: Iterable[Array]) -> tuple[float, ...]:
 
 
 def recorded_bits(golden: GoldenSteps, texts: Mapping[str, str], name: str) -> int | None:
-    """Returns a 32-bit hash of the bits of all estimates and standard deviations.
+    """Returns a 32-bit hash of the bits of all estimates and standard deviations that the compiled
+    filter computes for the golden steps.
 
-    It is FNV-1a over 32-bit words with an added shift. None without a working C compiler.
+    `texts` are its files by path, `name` is its prefix. The hash is FNV-1a over 32-bit words with
+    an added shift. None without a working C compiler.
     """
     built = compiled_texts(texts)
     if built is None:

@@ -24,7 +24,9 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The output struct of a solve: status code, controls (nu), KKT residual and iterations."""
+    """The output struct of a solve: status code (0 if solved), controls (nu), KKT residual and
+    iterations.
+    """
 
     status: int
     control: Array
@@ -52,7 +54,9 @@ class ControllerLibrary:
 
     @classmethod
     def of_folder(cls, folder: Path, library: Path) -> ControllerLibrary:
-        """Loads a controller that `write_controller` wrote and `build_library` compiled."""
+        """Loads a controller that `write_controller` wrote to `folder` and `build_library` compiled
+        to `library`. Raises ValueError if the folder has no controller or several.
+        """
         (file,) = folder.glob("*_mpc.json")
         return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
 
@@ -196,7 +200,9 @@ class FilterLibrary:
 
     @classmethod
     def of_folder(cls, folder: Path, library: Path) -> FilterLibrary:
-        """Loads an estimator that `write_estimator` wrote and `build_library` compiled."""
+        """Loads an estimator that `write_estimator` wrote to `folder` and `build_library` compiled
+        to `library`. Raises ValueError if the folder has no estimator or several.
+        """
         # exactly one: with both, the choice would be ambiguous
         (file,) = [*folder.glob("*_ekf.json"), *folder.glob("*_mhe.json")]
         return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
@@ -247,7 +253,9 @@ class FilterLibrary:
         )
 
     def predict(self, inputs: Mapping[str, ArrayLike]) -> int:
-        """Predicts the estimate of the next sample from these inputs; returns a status code."""
+        """Predicts the estimate of the next sample from the inputs of this one, by signal; returns
+        a status code. Raises KeyError for a missing input.
+        """
         self._fill(self._in, self._inputs, inputs)
         return self._call("predict", self._state, *([self._in] if self._inputs else []))
 
@@ -272,7 +280,9 @@ class FilterLibrary:
     def _by_signal(
         self, struct: Array, names: Mapping[str, str], numbers: ArrayLike
     ) -> dict[str, Array]:
-        """Splits a flat array into the fields of a struct, by signal."""
+        """Splits a flat array into the fields of a struct, by signal; `names` maps signals to
+        fields.
+        """
         values: dict[str, Array] = {}
         rest = np.ravel(numbers)
         for signal, field in names.items():
@@ -283,7 +293,9 @@ class FilterLibrary:
     def _fill(
         self, struct: Array, names: Mapping[str, str], values: Mapping[str, ArrayLike]
     ) -> None:
-        """Copies values by signal into the fields of a struct."""
+        """Copies `values`, by signal, into the fields of a struct; `names` maps signals to fields.
+        Raises KeyError for a missing signal.
+        """
         for signal, field in names.items():
             shape = struct.dtype[field].shape
             struct[0][field] = np.asarray(values[signal], struct.dtype[field].base).reshape(shape)
@@ -296,7 +308,9 @@ class FilterLibrary:
 
 
 def compiled_texts(texts: Mapping[str, str]) -> ctypes.CDLL | None:
-    """Compiles the files and loads the library; returns None without a working C compiler."""
+    """Compiles C files, given by path, and loads the library; returns None without a working C
+    compiler.
+    """
     try:
         return compiled_kernel(one_text(texts), briefly=True).library
     except (CompilerMissingError, KernelBuildError):

@@ -105,7 +105,8 @@ class _Start:
 def golden_solves(
     problem: ControlProblem, texts: Mapping[str, str], name: str
 ) -> tuple[GoldenSolve, ...] | None:
-    """Compiles the files of a controller and records its solves.
+    """Compiles the files of a controller and records the results of its calls for drawn inputs.
+    `name` is its prefix.
 
     Returns None without a working C compiler.
     """
@@ -194,7 +195,7 @@ def _starts(
 
 
 def _solved(library: ControllerLibrary, fields: Sequence[SeriesField], start: _Start) -> Decision:
-    """Solves for this input."""
+    """Solves for this input with the compiled controller; its state changes."""
     return library.solve(_values(fields, start))
 
 

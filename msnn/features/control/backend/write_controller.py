@@ -58,10 +58,11 @@ def write_controller(
     prefix: str,
     dtype: Dtype,
 ) -> tuple[Path, ...]:
-    """Writes header, sources and description of a controller into a folder.
+    """Writes header, sources, self-test and description of a controller into a folder. Returns the
+    paths written; raises OSError if a file cannot be written.
 
-    The files are `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c` and `<prefix>_mpc.json`.
-    `weights` has the value of each parameter by name. Returns the paths written.
+    The files are `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c` and `<prefix>_mpc.json`. `weights`
+    has the physical value of each parameter by name.
     """
     known = trained(problem, weights)
     texts = controller_texts(known, prefix, dtype)
@@ -86,10 +87,12 @@ def solver_texts(
     *,
     is_window: bool = False,
 ) -> dict[str, str]:
-    """Returns the text of each file of the solver of a problem, by relative path.
+    """Returns the text of each file of the solver of a problem, by relative path. The problem must
+    have no parameters.
 
-    `name` is the prefix of files and functions. With `is_window`, the solver of a moving-horizon
-    estimator, the files have only init, reset and solve, no feedback and no self-test.
+    `name` is the prefix of files and functions, `title` and `about` are texts of the header. With
+    `is_window`, the solver of a moving-horizon estimator, the files have only init, reset and
+    solve, no feedback and no self-test.
     """
     # with a tolerance below the type's precision every solve would end at the iteration limit
     cost_scale = problem.cost_scale
@@ -243,7 +246,7 @@ def _functions(
     made: Form,
     factors: float,
 ) -> tuple[StageFunctions, StageFunctions, list[Function]]:
-    """Writes the C functions of a problem.
+    """Writes the C functions of a problem; `made` is its form, `factors` the argument of `can_end`.
 
     Returns those of a stage, those of the end of the horizon, and all in the order of the source.
     """
@@ -273,7 +276,9 @@ def _about(problem: ControlProblem) -> str:
 
 
 def block_tables(problem: ControlProblem) -> dict[str, object]:
-    """Returns index tables for the templates; `held` is False if every block is one sample."""
+    """Returns index tables of blocks of stages with constant controls, for the templates; `held` is
+    False if every block is one sample.
+    """
     if not problem.has_blocks:
         return {"held": False}
     # block_starts is True at the first stage of each block: its sum counts the blocks

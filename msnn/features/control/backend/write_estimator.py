@@ -50,9 +50,11 @@ def write_estimator(
     dtype: Dtype,
 ) -> tuple[Path, ...]:
     """Writes header, sources and description of an estimator into a folder; returns their paths.
+    Raises OSError if a file cannot be written.
 
     An extended Kalman filter has `include/<prefix>_ekf.h` and `src/<prefix>_ekf*.c`. Files of a
-    moving-horizon estimator, a problem with a window, are named `<prefix>_mhe*`.
+    moving-horizon estimator, a problem with a window, are named `<prefix>_mhe*`. `weights` has the
+    physical value of each parameter by name.
     """
     texts = filter_texts if problem.window is None else horizon_texts
     written = texts(problem, weights, prefix, dtype).items()
@@ -74,7 +76,8 @@ class RecordedWindows:
 def recorded_windows(
     golden: GoldenSteps, texts: Mapping[str, str], name: str
 ) -> RecordedWindows | None:
-    """Compiles the files and runs the golden steps; returns None without a working C compiler.
+    """Compiles the files of a moving-horizon estimator and runs the golden steps. `name` is its
+    prefix. Returns None without a working C compiler.
 
     Results are bit-identical for every compiler.
     """

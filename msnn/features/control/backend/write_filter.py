@@ -57,7 +57,9 @@ class FilterSources:
     struct: list[StructMember]
 
     def text(self, template: str, title: str, folder: str = "estimation", **more: Any) -> str:
-        """Renders a template with `facts` and further variables."""
+        """Renders a template of `folder` with `facts` and further variables; `title` is the first
+        line of the file.
+        """
         named = GeneratedNames(self.facts["model"], self.name)
         return render(template, named, title, folder, **(self.facts | more))
 
@@ -70,7 +72,8 @@ def filter_sources(
     *,
     around: bool = False,
 ) -> FilterSources:
-    """Writes the sources of a filter; `name` is the prefix of files and functions.
+    """Writes the sources of a filter, without the self-test; `name` is the prefix of files and
+    functions, `weights` has the physical value of each parameter by name.
 
     With `around`, functions linearise at a point that the caller passes, instead of the estimate.
     """

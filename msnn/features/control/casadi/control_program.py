@@ -32,7 +32,9 @@ from msnn.features.control.problem.optimal_control import ControlProblem, PathLi
 
 
 class RowKind(Enum):
-    """The kind of a constraint."""
+    """The kind of a constraint: an equality of the dynamics, the initial state or a held control,
+    or a limit.
+    """
 
     GAP = "the next state is that of the plant"
     START = "the first state is the measured one"
@@ -49,7 +51,9 @@ class RowKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ConstraintRow:
-    """One number of a constraint; `path` is the path limit that it is of."""
+    """One scalar constraint: its kind, stage and element, and for a path limit the index `path` of
+    that limit in the problem.
+    """
 
     kind: RowKind
     stage: int
@@ -59,7 +63,9 @@ class ConstraintRow:
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """The variables of a stage by their places."""
+    """The slices of the column of variables that a stage has: states, controls (none at N), and
+    excesses, the violations of its soft limits.
+    """
 
     states: slice
     controls: slice
@@ -67,7 +73,10 @@ class _Stage:
 
 
 class ControlProgram:
-    """The nonlinear program, and the places of all quantities in its columns."""
+    """An optimal control problem as a nonlinear program of CasADi, `nlp`. Its variables, column x,
+    are states and controls divided by their scales, and violations of soft limits (excesses);
+    `rows` are its constraints.
+    """
 
     def __init__(self, problem: ControlProblem) -> None:
         self._problem = problem
@@ -112,13 +121,15 @@ class ControlProgram:
     # ---- numbers
 
     def parameters(self, given: Given) -> Array:
-        """The column p."""
+        """The column p of the program's parameters: the measured state, then disturbances and
+        references along the horizon.
+        """
         known = {**given.disturbances, **given.references}
         parts = [known[member.name][: self._rows_of(member)].ravel() for member in self._ports]
         return np.concatenate([given.state, *parts])
 
     def start(self, plan: Plan) -> Array:
-        """The column x of a plan, without excesses."""
+        """The column x of a plan in the units of the spec, with excesses of 0."""
         found = np.zeros(self._stages[-1].excesses.stop)
         for k, stage in enumerate(self._stages):
             found[stage.states] = plan.states[k] / self._scale_x
@@ -127,20 +138,22 @@ class ControlProgram:
         return found
 
     def plan(self, column: Array) -> Plan:
-        """The plan in a column x."""
+        """The plan, in the units of the spec, in a column x."""
         states = [column[stage.states] * self._scale_x for stage in self._stages]
         controls = [column[stage.controls] * self._scale_u for stage in self._stages[:-1]]
         return Plan(np.array(states), np.array(controls))
 
     def with_excesses(self, column: Array) -> Array:
-        """A column x without excesses below 0."""
+        """A copy of a column x in which negative excesses are 0."""
         found = column.copy()
         for stage in self._stages:
             found[stage.excesses] = np.maximum(found[stage.excesses], 0.0)
         return found
 
     def variable_bounds(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """The bounds of the column x, with the limits of controls, (N, nu) each."""
+        """The lower and upper bounds of the column x. `low` and `high` are the limits of controls
+        in the units of the spec, (N, nu).
+        """
         size = self._stages[-1].excesses.stop
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
         for k, stage in enumerate(self._stages):
@@ -175,7 +188,9 @@ class ControlProgram:
         return states, moves, excesses
 
     def _called(self, states: Expression, controls: Expression, k: int) -> dict[str, Expression]:
-        """Calls the step at a stage; at N it reads controls of 0, on which nothing depends."""
+        """The results of the step at stage k, by name. At N it reads controls of 0, on which
+        nothing depends.
+        """
         problem = self._problem
         last = k == problem.horizon
         moves = casadi.MX.zeros(problem.controls.size) if last else controls * self._scale_u
@@ -230,7 +245,9 @@ class ControlProgram:
         return (stages.start or 0) <= k < stages.stop
 
     def _rows_of(self, member: Member) -> int:
-        """Samples of a port that are parameters."""
+        """The number of samples of a disturbance or reference that are parameters of
+        the program.
+        """
         # N stages, and as many samples more as a window looks ahead of the last one
         return self._problem.horizon + (Type(member.axes).window or 1)
 
@@ -240,13 +257,15 @@ def _part(column: Expression, member: Member) -> Expression:
 
 
 def _size(axes: Sequence[Axis]) -> int:
-    """Numbers in one sample of a port."""
+    """The number of elements in one sample of a port with these axes."""
     type = Type(tuple(axes))
     return type.size // (type.window or 1)
 
 
 def _samples(column: Expression, k: int, axes: Sequence[Axis]) -> Any:
-    """The samples that a port reads at k, its window last, one sample after the other."""
+    """The samples of a port that stage k reads, in the order of the port: its window is the last
+    axis. `column` has all samples, one after the other.
+    """
     size, window = _size(axes), Type(tuple(axes)).window or 1
     # samples first in memory, the window last in a port: the transpose turns one into the other
     return casadi.vec(casadi.reshape(column[k * size : (k + window) * size], size, window).T)
@@ -266,7 +285,7 @@ _OPTIONS: dict[NlpSolver, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class NlpSolution:
-    """The plan that CasADi's solver found."""
+    """The result of CasADi's solver; `succeeded` is False if it did not converge."""
 
     succeeded: bool
     cost: float
@@ -276,10 +295,10 @@ class NlpSolution:
 
 
 class OptimalControlNlp:
-    """An optimal control problem without parameters (`trained`), as one of CasADi's solvers has it.
+    """An optimal control problem without parameters (`trained`) for a solver of CasADi.
 
-    `solver` is CasADi's function; `options` are those of `casadi.nlpsol`, beside quiet and a
-    tolerance of 1e-9.
+    `solver` names IPOPT or fatrop; `options` are passed to `casadi.nlpsol`, in addition to quiet
+    output and a tolerance of 1e-9. The attribute `solver` is CasADi's function.
     """
 
     def __init__(
@@ -303,7 +322,9 @@ class OptimalControlNlp:
         )
 
     def solve(self, given: Given, plan: Plan) -> NlpSolution:
-        """Solves from a plan in the units of the spec."""
+        """Solves the problem for the values `given`, starting from a plan in the units of the spec.
+        A solver that does not converge is reported in the result.
+        """
         program = self._program
         p = program.parameters(given)
         found = self.solver(x0=program.start(plan), p=p, **self._bounds(given))
@@ -318,7 +339,9 @@ class OptimalControlNlp:
         )
 
     def _bounds(self, given: Given) -> dict[str, Array]:
-        """The bounds of variables and constraints, at the references given."""
+        """The bounds of variables and constraints for these values of the references, as arguments
+        of the solver.
+        """
         along = limits_along(self.problem, self._interpreter, given)
         lower, upper = self._program.variable_bounds(along.control_min, along.control_max)
         ends = [self._ends(row, along) for row in self._program.rows]

@@ -33,9 +33,10 @@ _SECOND = parse_unit("s")
 
 
 def scales_of(section: OptimalControl, program: Program) -> dict[str, float]:
-    """Half of the interval of the bounds, else of the range, of each state and signal, by name.
+    """The typical size of states and signals by name: half of the interval between their bounds in
+    the section, else of their range. Those with neither have no entry.
 
-    A buffer of past samples of a signal moves as far as the signal.
+    A buffer of past samples of a signal has the scale of the signal.
     """
     found: dict[str, float] = {}
     for entry in (*program.signals, *program.states):
@@ -60,7 +61,9 @@ def scales_of(section: OptimalControl, program: Program) -> dict[str, float]:
 def control_limits(
     asked: ControlSpec, program: Program, scales: Mapping[str, float], findings: Findings
 ) -> tuple[Program, tuple[ControlLimits, ...]]:
-    """The limits of every control, and the program with an output for each number among them."""
+    """The limits of every control, and the program with an output added for each numeric limit.
+    Mistakes are reported.
+    """
     found: list[ControlLimits] = []
     for name in asked.controls:
         signal = program.signal(name)
@@ -80,7 +83,9 @@ def control_limits(
 def _check_range(
     signal: Signal, limits: Limits, program: Program, bound: ControlBound, findings: Findings
 ) -> None:
-    """Warns of bounds that reach beyond the declared range of the input."""
+    """Reports, as a warning, limits of a control that reach beyond the declared range
+    of the input.
+    """
     if signal.range is None:
         return
     low, high = _number(program, limits.minimum), _number(program, limits.maximum)
@@ -94,7 +99,9 @@ def _check_range(
 def path_limits(
     asked: ControlSpec, program: Program, scales: Mapping[str, float], findings: Findings
 ) -> tuple[Program, tuple[PathLimits, ...]]:
-    """The limits of states, outputs and equations, and the program as above."""
+    """The limits of states, outputs and equations, and the program with an output added for each
+    numeric limit. Mistakes are reported.
+    """
     found: list[PathLimits] = []
     for name, bound in asked.section.bounds.items():
         if name in asked.controls:
@@ -167,7 +174,9 @@ def _with_number(program: Program, name: str, number: float, unit: Unit | None) 
 def _check_limit(
     asked: ControlSpec, program: Program, name: str, key: str, type: Type, findings: Findings
 ) -> None:
-    """An expression of references, with the unit and the axes of the limited value."""
+    """Reports a limit that is a formula unless it only reads references and has the unit and the
+    axes of the limited value, or is a scalar. `key` is `min` or `max`.
+    """
     output = program.output(limit(name, key))
     place = output.span
     assert place is not None
@@ -199,7 +208,9 @@ def _check_limit(
 def _rate(
     program: Program, bound: ControlBound, unit: Unit | None, findings: Findings
 ) -> float | None:
-    """The largest change per sample, in the unit of the control."""
+    """The maximum change of a control per sample, in its unit; None without a rate in the spec,
+    which gives it per second.
+    """
     if bound.rate is None or program.sample_time is None:
         return None
     per_second = None if unit is None else unit / _SECOND
@@ -213,7 +224,9 @@ def _is_number(end: Quantity | Expression | None) -> TypeGuard[Quantity]:
 
 
 def _number(program: Program, end: str | None) -> float | None:
-    """The limit if it is one number that does not depend on references, else None."""
+    """The value of the limit that the output `end` computes; None if there is none, it is a
+    formula, or elements have different limits.
+    """
     if end is None:
         return None
     op = program.step[program.output(end).node].op

@@ -37,9 +37,9 @@ _COSTS = {STAGE: "cost.stage", TERMINAL: "cost.terminal"}
 
 
 def asked_control(linked: Linked, section: OptimalControl) -> ControlSpec:
-    """The model that computes all formulas of an `mpc` section, not compiled yet.
+    """The linked spec of a model extended by all formulas of its `mpc` section, to be compiled.
 
-    Raises SpecError where the section does not fit what the spec declares.
+    Raises SpecError if the section does not fit the declarations of the spec.
     """
     findings = Findings()
     asked = control_spec(linked, section, findings)
@@ -50,10 +50,11 @@ def asked_control(linked: Linked, section: OptimalControl) -> ControlSpec:
 def control_problem(
     asked: ControlSpec, program: Program, said: Iterable[Diagnostic]
 ) -> tuple[ControlProblem, tuple[Diagnostic, ...]]:
-    """The problem, from the program of `asked_control`, and its diagnostics.
+    """The optimal control problem, from the compiled `program` of `asked_control`, and its
+    warnings.
 
-    `said` was found when that program was compiled and not of the model alone. Parameters are those
-    of the program; `trained` puts weights in their place. Raises SpecError with every mistake.
+    `said` are the warnings of that compilation that the model alone does not cause. Parameters are
+    those of the program; `trained` replaces them by weights. Raises SpecError with every mistake.
     """
     findings = Findings()
     # what the asked model alone leaves unused is a reference, which `_report_unused` tells in words
@@ -122,7 +123,7 @@ def _problem(asked: ControlSpec, program: Program, findings: Findings) -> Contro
 
 
 def _check_costs(asked: ControlSpec, program: Program, findings: Findings) -> None:
-    """Reports a cost that is not one number without unit."""
+    """Reports a cost that is not a scalar without unit."""
     for output in program.outputs:
         key = _COSTS.get(output.name)
         if key is None:

@@ -31,16 +31,20 @@ from spec_schema.units.quantity import Quantity
 
 
 def signals_behind(program: Program, nodes: Iterable[NodeId]) -> set[str]:
-    """The signals that values depend on in their step or, through states, in any before."""
+    """The names of the signals on which the values of these nodes depend, in the same step or,
+    through states, in any step before.
+    """
     following = {state.name: state.next for state in program.states}
     live, _ = needed_over_time(program.step, following, nodes)
     return _read(program, live)
 
 
 def signals_in_step(program: Program, node: NodeId) -> set[str]:
-    """The signals whose current samples a value depends on, in step form.
+    """The names of the signals whose samples at t affect the value of a node, for a program in step
+    form.
 
-    A window that holds the newest sample is looked into: its older samples are not of this step.
+    If a window contains the newest sample, only that sample counts: older ones belong to earlier
+    steps.
     """
     live = needed(program.step, [node])
     if not _read(program, live):
@@ -69,7 +73,9 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
 
 
 def _jumping(program: Program, live: list[bool]) -> Iterator[NodeId]:
-    """The operands of comparisons and signs among these nodes."""
+    """Yields the operands of comparisons and signs among the nodes that `live` marks; there, a
+    derivative of 0 does not mean independence.
+    """
     for index, node in program.step:
         match node.op:
             case Compare() | Apply(function="sign") if live[index]:
@@ -92,18 +98,18 @@ TERMINAL = f"{_FORMULA}cost.terminal"
 
 
 def bounded(name: str) -> str:
-    """The output that is the value of a bounded state, output or equation."""
+    """The name of the output that computes a bounded state, output or equation."""
     return f"{_FORMULA}bounds.{name}"
 
 
 def limit(name: str, key: str) -> str:
-    """The output that is the `min` or the `max` of a bound."""
+    """The name of the output that computes a limit of `name`; `key` is `min` or `max`."""
     return f"{_FORMULA}bounds.{name}.{key}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControlSpec:
-    """A model with references as further inputs and formulas of `mpc` as further outputs."""
+    """A linked spec with references as further inputs and formulas of `mpc` as further outputs."""
 
     linked: Linked
     section: OptimalControl
@@ -117,7 +123,7 @@ class ControlSpec:
 def control_spec(linked: Linked, section: OptimalControl, findings: Findings) -> ControlSpec:
     """The model that computes all formulas of the `mpc` section of a linked spec.
 
-    Reports what of the section does not fit what the spec declares.
+    Reports parts of the section that do not fit the declarations of the spec.
     """
     spec = linked.spec
     if spec.sample_time is None:
@@ -248,7 +254,9 @@ def _bounded_sections(spec: Spec) -> tuple[Mapping[str, object], ...]:
 
 
 def _kind(spec: Spec, name: str) -> str | None:
-    """The kind of a name, as messages call it; None if the name is not declared."""
+    """The kind of a declared name as messages call it, such as `input`; None if the name is not
+    declared.
+    """
     declared = Scope(spec, Findings()).get(name)
     if declared is None:
         return None
@@ -258,9 +266,10 @@ def _kind(spec: Spec, name: str) -> str | None:
 def control_program(
     asked: ControlSpec, program: Program, with_previous: Iterable[str], findings: Findings
 ) -> Program | None:
-    """The program in step form, loops closed, with formulas as outputs and ports from t on.
+    """The compiled program in step form for a solver: loops are closed, its outputs are the
+    formulas of the section, and its ports have samples from t on.
 
-    Its states hold u[t-1] of the controls `with_previous`. None once a mistake is reported.
+    Its states include u[t-1] of the controls `with_previous`. None after reporting a mistake.
     """
     try:
         program = close_loop(program, asked.closed)
@@ -288,13 +297,15 @@ def control_program(
 
 
 def _without_names(graph: Graph, formulas: Collection[str]) -> Graph:
-    """The graph without the names of formulas, which would appear in generated code."""
+    """The graph without the labels of formulas, which would appear in generated code."""
     nodes = (replace(n, label=None) if n.label in formulas else n for n in graph.nodes)
     return Graph(tuple(nodes))
 
 
 def _with_samples(program: Program, reads: Iterable[tuple[str, int]]) -> Program:
-    """The program with an output for each of these samples, so that its ports keep them."""
+    """The program with an output for each sample (signal, offset from t), so that its step form has
+    them as ports or states.
+    """
     builder = GraphBuilder(program.step)
     outputs = list(program.outputs)
     for name, at in reads:

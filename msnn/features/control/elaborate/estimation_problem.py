@@ -35,7 +35,7 @@ _KEPT = "estimator: "
 
 
 def estimation_problem(spec: Spec, section: Estimator, program: Program) -> EstimationProblem:
-    """The problem of a spec's estimator; `program` is that of the spec, in window form.
+    """The estimation problem of a spec's `section`; `program` is that of the spec, in window form.
 
     Raises SpecError with every mistake of the section.
     """
@@ -108,7 +108,9 @@ def _signal(program: Program, output: str) -> str:
 
 
 def _unit(program: Program, step: Program, output: str) -> Unit | None:
-    """The unit of the output, else that of the signal that it predicts."""
+    """The unit of a measured output, else that of the signal that it predicts; None
+    without either.
+    """
     unit = step.step[step.output(f"{_KEPT}{output}").node].type.unit
     return unit or program.signal(_signal(program, output)).unit
 
@@ -116,7 +118,9 @@ def _unit(program: Program, step: Program, output: str) -> Unit | None:
 def _with_measurements(
     spec: Spec, section: KalmanFilter, program: Program, closed: Program, findings: Findings
 ) -> Program | None:
-    """The step form with an output for each measurement, and with all its states."""
+    """The step form of the closed program, with an output for each measurement, and with all its
+    states. `program` is the model before its loops were closed. None after reporting mistakes.
+    """
     builder = GraphBuilder(closed.step)
     known = {output.name: output for output in closed.outputs}
     before = {output.name: output for output in program.outputs}
@@ -182,7 +186,9 @@ def _inputs(program: Program) -> Vector:
 def _deviations(
     spec: Spec, section: KalmanFilter, program: Program, findings: Findings
 ) -> dict[str, EstimatedNumbers]:
-    """The deviations by state; the name of a fed-back signal means its register."""
+    """The standard deviations of the section by state; the name of a fed-back signal means its
+    shift register. Unknown names are reported.
+    """
     named = {state.name: state for state in program.states}
     named |= {s.origin.signal: s for s in program.states if isinstance(s.origin, Tape)}
     found: dict[str, EstimatedNumbers] = {}
@@ -233,7 +239,9 @@ def _parameters(
 
 
 def _in_unit(name: str, std: Quantity, unit: Unit | None, findings: Findings) -> float:
-    """A deviation in the unit of its state or signal; a number without unit is in that unit."""
+    """A standard deviation in the unit of its state or signal; a number without unit is in that
+    unit. Units that do not fit are reported.
+    """
     # a deviation of 1 °C is one of 1 K: the factor counts, not the offset as it does in `_limit`
     number = _converted(name, std, unit, findings, is_distance=True)
     # any number after a report, which ends the compilation

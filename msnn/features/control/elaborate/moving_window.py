@@ -18,7 +18,9 @@ from spec_schema.diagnostics.diagnostic import Findings
 def moving_window(
     section: MovingHorizon, program: Program, findings: Findings
 ) -> MovingWindow | None:
-    """The window of a section; None if its length is no multiple of the sample time."""
+    """The window of an `mhe` section, with the settings of its solver. Mistakes are reported; None
+    if the length is no multiple of the sample time.
+    """
     _check_something_moves(section, findings)
     solver = None if section.solver is None else section.solver.interior_point
     mode: Mode = "converged" if solver is None else solver.mode
@@ -43,7 +45,7 @@ def moving_window(
 
 
 def check_size(problem: EstimationProblem, section: MovingHorizon, findings: Findings) -> None:
-    """Reports a window whose estimator needs more memory than controllers have."""
+    """Reports a window whose estimator would need more than `TOO_LONG` bytes."""
     control = window_problem(problem).control
     memory = numbers_of(control, "staged") * 8
     if memory > TOO_LONG:

@@ -29,9 +29,10 @@ Array = NDArray[np.float64]
 
 
 def concave_in(problem: ControlProblem, cost: str) -> Iterator[str]:
-    """The states and controls, by name, in which a cost is concave at all points that are drawn.
+    """Yields the names of states and controls in which a cost is concave at all sampled points;
+    `cost` is the name of its output.
 
-    Nothing where the cost depends on parameters: training decides then.
+    Yields nothing if the cost depends on parameters, as training determines its shape.
     """
     program = drop_unused(replace(problem.program, outputs=(problem.program.output(cost),)))
     if program.parameters:
@@ -78,7 +79,9 @@ LONG, TOO_LONG = 2**24, 2**28
 
 
 def check_plausible(problem: ControlProblem, section: OptimalControl, findings: Findings) -> None:
-    """Reports errors and warnings about implausible settings."""
+    """Reports a tolerance below rounding, a horizon that needs much memory, and costs with a wrong
+    sign.
+    """
     if section.interior_point is not None:
         check_tolerance(section.interior_point, findings)
     _check_size(problem, section, findings)
@@ -87,7 +90,7 @@ def check_plausible(problem: ControlProblem, section: OptimalControl, findings: 
 
 
 def check_tolerance(solver: InteriorPoint, findings: Findings) -> None:
-    """Reports a tolerance below rounding."""
+    """Reports a tolerance of the solver below the rounding error of double precision."""
     if solver.tolerance is not None and solver.tolerance < LEAST_TOLERANCE:
         place = solver.place.key
         findings.report(errors.tolerance_of_rounding(solver.tolerance, LEAST_TOLERANCE, place))

@@ -8,7 +8,7 @@ from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def not_a_control(name: str, found: str | None, span: Span, known: Iterable[str]) -> Diagnostic:
-    """E1101: a control that is no open input."""
+    """E1101: `controls` names something that is not an open input of the model."""
     is_what = "which nothing declares" if found is None else f"which is {found}"
     message = f"`controls` names `{name}`, {is_what}"
     # a declared name was not misspelt: it is of the wrong kind
@@ -19,7 +19,7 @@ def not_a_control(name: str, found: str | None, span: Span, known: Iterable[str]
 
 
 def closed_control(name: str, output: str, span: Span, prediction: Span) -> Diagnostic:
-    """E1102: a control that an output of the model predicts, which feeds it back."""
+    """E1102: a control is an input that an output predicts, so its value is already determined."""
     message = f"`{name}` cannot be a control: `{output}` predicts it"
     return error(
         "E1102",
@@ -32,7 +32,7 @@ def closed_control(name: str, output: str, span: Span, prediction: Span) -> Diag
 
 
 def cost_without_control(name: str, span: Span, control: Span) -> Diagnostic:
-    """E1103: a cost that a control does not move."""
+    """E1103: the cost does not depend on a control."""
     message = f"the cost does not depend on the control `{name}`"
     repair = "weigh the control, or what it moves: `((y - r) / y_scale)**2`"
     return error(
@@ -46,39 +46,39 @@ def cost_without_control(name: str, span: Span, control: Span) -> Diagnostic:
 
 
 def reversed_bound(name: str, low: str, high: str, span: Span) -> Diagnostic:
-    """E1104: a bound whose lowest value is above its highest."""
+    """E1104: the `min` of a bound is above its `max`."""
     message = f"`min` of `{name}` is {low}, above its `max`, {high}"
     return error("E1104", span, message, "no value keeps both", help="exchange the two")
 
 
 def blocks_of_other_length(found: int, horizon: int, span: Span) -> Diagnostic:
-    """E1105: blocks that do not fill the horizon."""
+    """E1105: the `blocks` of the controls do not sum to the horizon."""
     message = f"`blocks` sum to {found}, the horizon has {horizon} samples"
     least = "shorten one by" if found > horizon else "lengthen one by"
     return error("E1105", span, message, f"{found} samples", help=f"{least} {abs(found - horizon)}")
 
 
 def dropout_in_control(span: Span | None) -> Diagnostic:
-    """E1106: a plant or cost that leaves out elements at random."""
+    """E1106: the plant or cost of a controller has dropout, which is random."""
     message = "the plant of a predictive controller cannot have dropout"
     repair = "remove it from what the controller computes, or train without it"
     return error("E1106", span, message, "left out at random while training", help=repair)
 
 
 def bound_of_nothing(span: Span) -> Diagnostic:
-    """E1107: a bound that limits nothing."""
+    """E1107: a bound has neither `min`, `max` nor `rate`."""
     message = "a bound needs `min`, `max` or `rate`"
     return error("E1107", span, message, "says no limit", help="write for example `{max: 2 bar}`")
 
 
 def soft_and_hard(span: Span) -> Diagnostic:
-    """E1108: a bound that may be violated at a cost, and may not."""
+    """E1108: a bound is both `soft` and `hard`."""
     message = "a bound is either `soft` or `hard`"
     return error("E1108", span, message, "`hard: true` allows no violation", help="leave one out")
 
 
 def bound_option(name: str, key: str, kind: str, span: Span) -> Diagnostic:
-    """E1109: a rate of what is no control, or a soft or hard bound of a control."""
+    """E1109: `rate` bounds something other than a control, or `soft` or `hard` bounds a control."""
     # the two mistakes share a code: a user meets both by moving a bound from one name to another
     is_rate = key == "rate"
     message = f"`{key}` in the bound of `{name}`, which is {kind}"
@@ -88,7 +88,7 @@ def bound_option(name: str, key: str, kind: str, span: Span) -> Diagnostic:
 
 
 def not_bounded(name: str, reason: str, span: Span, known: Iterable[str]) -> Diagnostic:
-    """E1110: a bound of something that the controller cannot keep within it."""
+    """E1110: `bounds` names something that the controller cannot bound."""
     message = f"`bounds` names `{name}`, {reason}"
     meant = nearest(name, known)
     others = "bounds are of controls, and of states, outputs and equations they move"
@@ -97,21 +97,21 @@ def not_bounded(name: str, reason: str, span: Span, known: Iterable[str]) -> Dia
 
 
 def limit_of_model(name: str, key: str, read: str, span: Span) -> Diagnostic:
-    """E1111: a limit that reads a value of the model."""
+    """E1111: a limit of a bound depends on values of the model."""
     message = f"`{key}` of `{name}` reads `{read}`: a limit is known before the problem is solved"
     repair = "make it a reference, or bound an equation of the difference"
     return error("E1111", span, message, "a number, or of references", help=repair)
 
 
 def needless_preview(name: str, found: str, span: Span) -> Diagnostic:
-    """E1112: a preview of what is no measured disturbance."""
+    """E1112: `preview` names something that is not a measured disturbance."""
     message = f"`preview` names `{name}`, which is {found}"
     repair = "a preview is of an input that is neither a control nor fed back"
     return error("E1112", span, message, "has no samples to come", help=repair)
 
 
 def read_at_other_time(name: str, kind: str, span: Span | None) -> Diagnostic:
-    """E1113: a control that is read ahead of its sample, or a reference at another than its own."""
+    """E1113: the plant reads a control of a later sample, or a reference is shifted in time."""
     if kind == "control":
         message = f"the plant reads the control `{name}` after sample t"
         repair = f"write `between: hold` at `{name}`: a controller holds what it has decided"
@@ -122,21 +122,21 @@ def read_at_other_time(name: str, kind: str, span: Span | None) -> Diagnostic:
 
 
 def terminal_reads_control(name: str, span: Span) -> Diagnostic:
-    """E1114: a terminal cost of a control at t+N, which nobody decides."""
+    """E1114: the terminal cost depends on a control at t+N, but the last control acts at t+N-1."""
     message = f"the terminal cost reads the control `{name}` at t+N: the last one acts at t+N-1"
     repair = "write it of states, or of signals that outputs predict"
     return error("E1114", span, message, "depends on it in the same step", help=repair)
 
 
 def tolerance_of_rounding(tolerance: float, least: float, span: Span) -> Diagnostic:
-    """E1115: a residual that rounding alone exceeds."""
+    """E1115: the `tolerance` of a solver is smaller than rounding errors."""
     message = f"no solver reaches a `tolerance` of {tolerance:g}: rounding leaves more"
     repair = f"write {least:g} or more; 1e-6, the default, is 1e-6 of the scales of the spec"
     return error("E1115", span, message, "below what double precision resolves", help=repair)
 
 
 def horizon_of_memory(horizon: int, memory: str, products: int, span: Span) -> Diagnostic:
-    """E1116: a horizon whose controller fits into no computer that it is meant for."""
+    """E1116: the horizon is so long that the controller needs too much memory."""
     message = f"a horizon of {horizon:,} samples makes a controller of {memory}"
     label = f"about {products:,} products in each of its iterations"
     repair = "look less far ahead, in longer samples, or with a terminal cost for what comes later"
@@ -144,7 +144,7 @@ def horizon_of_memory(horizon: int, memory: str, products: int, span: Span) -> D
 
 
 def horizon_is_long(horizon: int, memory: str, products: int, span: Span) -> Diagnostic:
-    """W1103: a horizon that takes more than embedded computers have."""
+    """W1103: the horizon needs more memory than most embedded computers have."""
     message = f"a horizon of {horizon:,} samples makes a controller of {memory}"
     label = f"about {products:,} products in each of its iterations"
     repair = "look less far ahead, in longer samples, or with a terminal cost for what comes later"
@@ -152,7 +152,7 @@ def horizon_is_long(horizon: int, memory: str, products: int, span: Span) -> Dia
 
 
 def concave_cost(key: str, name: str, span: Span) -> Diagnostic:
-    """W1104: a cost that falls ever faster with what it weighs."""
+    """W1104: the cost is concave, so its minimum lies at a limit or does not exist."""
     message = f"`{key}` bends down in `{name}` wherever it was tried"
     repair = "what is to be kept small is weighed by a positive square: `((y - r) / y_scale)**2`"
     label = f"cheaper the further `{name}` is driven: the optimum lies at a limit, if there is one"
@@ -160,13 +160,13 @@ def concave_cost(key: str, name: str, span: Span) -> Diagnostic:
 
 
 def unused_reference(name: str, span: Span) -> Diagnostic:
-    """W1101: a reference that neither cost nor bounds read."""
+    """W1101: neither the cost nor the bounds use a reference."""
     message = f"the reference `{name}` is not used"
     return warning("W1101", span, message, "neither cost nor bounds read it", help="remove it")
 
 
 def beyond_range(name: str, low: str, high: str, span: Span | None) -> Diagnostic:
-    """W1102: a bound of a control that leaves more than the range of its input."""
+    """W1102: the bounds of a control allow values outside the range of its input."""
     message = f"the bounds of `{name}` leave more than its range, {low} … {high}"
     help = f"bound `{name}` by its range, or declare a wider one"
     return warning("W1102", span, message, "the controller may go beyond it", help=help)

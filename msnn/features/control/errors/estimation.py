@@ -8,7 +8,7 @@ from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
 def not_measured(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
-    """E1120: a measurement of something that predicts no signal."""
+    """E1120: `measured` names something that is not an output with `predicts`."""
     message = f"`measured` names `{name}`, which is no output with `predicts`"
     meant = nearest(name, known)
     repair = did_you_mean(meant) or "`predicts: s[t]` says which signal is measured of an output"
@@ -17,7 +17,7 @@ def not_measured(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
 
 
 def measured_too_late(name: str, signal: str, span: Span, prediction: Span) -> Diagnostic:
-    """E1121: a measurement that is not of the state at its own sample."""
+    """E1121: a measured output is not predicted from the states at the sample measured."""
     message = f"what `{name}` predicts of `{signal}` is not of the states at that sample"
     return error(
         "E1121",
@@ -32,7 +32,7 @@ def measured_too_late(name: str, signal: str, span: Span, prediction: Span) -> D
 def not_estimated(
     key: str, name: str, span: Span, known: Iterable[str], *, is_unread: bool
 ) -> Diagnostic:
-    """E1122: a deviation of something that is no state of the model, nor fed back."""
+    """E1122: a deviation is given for something that is neither a state nor a predicted signal."""
     if is_unread:
         message = f"`{key}` names the state `{name}`, which the model leaves out: nothing reads it"
         repair = f"leave `{name}` out here too, or add an output that depends on it"
@@ -44,7 +44,7 @@ def not_estimated(
 
 
 def not_a_read_parameter(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
-    """E1123: an estimated parameter that the model does not read."""
+    """E1123: an estimated parameter is not used by the model."""
     message = f"`parameters` names `{name}`, which is no parameter that the model reads"
     meant = nearest(name, known)
     repair, label = did_you_mean(meant), "nothing measured depends on it"
@@ -52,7 +52,7 @@ def not_a_read_parameter(name: str, span: Span, known: Iterable[str]) -> Diagnos
 
 
 def nothing_uncertain(span: Span) -> Diagnostic:
-    """E1124: moving-horizon estimation of a model that nothing moves but its inputs."""
+    """E1124: the estimator has nothing uncertain to estimate."""
     return error(
         "E1124",
         span,
@@ -63,7 +63,7 @@ def nothing_uncertain(span: Span) -> Diagnostic:
 
 
 def condensed_window(span: Span) -> Diagnostic:
-    """E1125: moving-horizon estimation in the controls alone."""
+    """E1125: moving-horizon estimation cannot use `structure: condensed`."""
     return error(
         "E1125",
         span,
@@ -74,7 +74,7 @@ def condensed_window(span: Span) -> Diagnostic:
 
 
 def window_of_memory(horizon: int, memory: str, products: int, span: Span) -> Diagnostic:
-    """E1127: a window whose estimator fits into no computer that it is meant for."""
+    """E1127: the window is so long that the estimator needs too much memory."""
     message = f"a window of {horizon:,} samples makes an estimator of {memory}"
     label = f"about {products:,} products in each of its iterations"
     repair = "look back less far: what lies before is known by the arrival cost"

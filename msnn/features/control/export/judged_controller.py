@@ -37,10 +37,12 @@ _SAMPLES = 4
 def compare_controller(
     problem: ControlProblem, weights: Weights, folder: Path, dtype: FloatType, target: str
 ) -> Agreement:
-    """Solves from drawn states, in a folder with the built `controller.so`.
+    """Checks an exported controller by the optimality conditions of the plans that it reports as
+    solved, for random states. `folder` contains its description and the built `controller.so`.
 
-    `one_step` is the largest residual of a plan that was called solved, `free_run` of those that
-    were solved from the plan of the sample before.
+    `one_step` is the largest residual of plans solved without a previous plan, `free_run` that of
+    plans solved from the previous plan. Residuals above the tolerance and failed self-tests are
+    faults.
     """
     # with learned values as numbers, as the C has them
     problem = trained(problem, weights)
@@ -85,7 +87,10 @@ def compare_controller(
 def drawn_samples(
     problem: ControlProblem,
 ) -> Iterator[tuple[bool, NDArray[Any], Given, dict[str, NDArray[Any]]]]:
-    """Samples, each with: anew or not; the state; the knowns, for the judge and by field."""
+    """Yields random samples for a controller, each as a tuple of four. The first is True if the
+    controller is initialised before the sample. The others are the state x (nx), the values for the
+    interpreter, and disturbances and references by field of the C struct.
+    """
     random = np.random.default_rng(1)
     fields = {field.name: field for field in input_fields(problem)}
     members = (*problem.disturbances.members, *problem.references.members)
@@ -106,7 +111,9 @@ def drawn_samples(
 def _series(
     member: Member, field: SeriesField, problem: ControlProblem, random: np.random.Generator
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Samples along the horizon, the last one held, and those that the controller is given."""
+    """Random samples of a disturbance or reference: all rows along the horizon, the last one
+    repeated, and those in the field of the C struct.
+    """
     shape = Type(member.axes).shape
     # the window's samples come along the horizon: the last axis of the struct is time
     one = shape[:-1] if Type(member.axes).window is not None else shape

@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 
 
 class EstimateShare:
-    """The largest part so far; a number that is NaN takes more than any other, and stays."""
+    """The largest error of estimates so far, as a fraction of the allowed one; NaN counts as larger
+    than any number, and stays.
+    """
 
     def __init__(self) -> None:
         self._share, self._worst, self._allowed = 0.0, 0.0, 0.0
@@ -35,7 +37,9 @@ class EstimateShare:
         self._steps += 1
 
     def compare(self, found: Array, expected: Array, near: Array, largest: Array) -> None:
-        """Takes numbers that may be off by `near`; told is what they are off by `largest`."""
+        """Compares estimates with `expected`, whose elements may differ by `near`. Errors are
+        reported relative to `largest`, the largest magnitude of each element.
+        """
         off = np.abs(found.astype(float) - expected)
         with np.errstate(all="ignore"):
             # of a number that may not be off at all every difference is too much
@@ -60,7 +64,12 @@ class EstimateShare:
         tested: str,
         untried: tuple[str, ...] = (),
     ) -> Agreement:
-        """`one_step` is the worst number; steps follow each other: `free_run` is the same."""
+        """The result for a table of exports: `one_step` and `free_run` are both the largest error,
+        as steps follow each other.
+
+        `has_failed` adds a fault, such as for a wrong status. `selftest` is the bit mask of the
+        self-test of the part `tested`; parts in `untried` could not be compared.
+        """
         faults: tuple[Fault, ...] = ()
         if has_failed or not self._share <= 1:
             faults = (FarStep("the estimate", self._worst, self._allowed),)
@@ -88,10 +97,11 @@ _FILTER_SEEDS = (0, 1, 2, 3)
 def compare_filter(
     problem: EstimationProblem, weights: Weights, folder: Path, dtype: FloatType, target: str
 ) -> Agreement:
-    """Filters drawn samples, in a folder with the built `controller.so`.
+    """Compares an exported filter with the one in Python for random samples. `folder` contains its
+    description and the built `controller.so`.
 
-    `one_step` is the largest deviation of an estimate or of its standard deviation, by the largest
-    magnitude of each; steps follow each other, so that `free_run` is the same.
+    The error is the largest one of an estimate or of its standard deviation, relative to the
+    largest magnitude of each.
     """
     library = FilterLibrary.of_folder(folder, folder / "controller.so")
     share, wrong_status = EstimateShare(), False
@@ -120,7 +130,9 @@ def compare_filter(
 
 
 def joined(found: Sequence[Agreement]) -> Agreement:
-    """One row of a controller, its filter and their units: the larger of each number."""
+    """One result for a controller, its filter and their units: the larger of each error, all
+    faults.
+    """
     first, *rest = found
     for other in rest:
         first = replace(
@@ -147,10 +159,11 @@ _HORIZON_SEEDS = (0, 1)
 def compare_horizon(
     problem: EstimationProblem, weights: Weights, folder: Path, dtype: FloatType, target: str
 ) -> Agreement:
-    """Estimates along drawn samples, in a folder with the built `controller.so`.
+    """Compares an exported moving-horizon estimator with the one in Python for random samples.
+    `folder` contains its description and the built `controller.so`.
 
-    `one_step` is the largest deviation of an estimate or of its standard deviation, by the largest
-    magnitude of each estimate; samples follow each other, so that `free_run` is the same.
+    The error is the largest one of an estimate or of its standard deviation, relative to the
+    largest magnitude of each estimate.
     """
     library = FilterLibrary.of_folder(folder, folder / "controller.so")
     judge = MovingHorizon(problem, weights, ReferenceMethod)
@@ -214,7 +227,7 @@ def _named(judge: MovingHorizon, start: tuple[float, ...]) -> dict[str, np.ndarr
 def _numbers(
     problem: EstimationProblem, measured: tuple[float, ...], given: tuple[float, ...]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Numbers one after the other as arrays by name."""
+    """Flat measurements and inputs of one sample as arrays by name."""
     graph, program = problem.program.step, problem.program
     shapes = [(m.signal, graph[program.output(m.value).node].type.shape) for m in problem.measured]
     inputs = [(m.name, tuple(axis.size for axis in m.axes)) for m in problem.inputs.members]

@@ -33,7 +33,9 @@ Numbers = Mapping[str, Array]
 def compare_controller_units(
     problem: ControlProblem, weights: Weights, folder: Path, dtype: FloatType, target: str
 ) -> Agreement:
-    """Solves drawn samples, in a folder with the built `controller.so` and the units."""
+    """Compares the FMUs of a controller with its C code, bit by bit, for random samples. `folder`
+    contains the units and the built `controller.so`.
+    """
     problem = trained(problem, weights)
     library = ControllerLibrary.of_folder(folder, folder / "controller.so")
     unit = controller_unit(problem, _prefix(folder, "mpc"), dtype)
@@ -71,7 +73,9 @@ def compare_controller_units(
 def compare_estimator_units(
     problem: EstimationProblem, weights: Weights, folder: Path, dtype: FloatType, target: str
 ) -> Agreement:
-    """Estimates along drawn samples, in a folder with the built `controller.so` and the units."""
+    """Compares the FMUs of an estimator with its C code, bit by bit, for random samples. `folder`
+    contains the units and the built `controller.so`.
+    """
     library = FilterLibrary.of_folder(folder, folder / "controller.so")
     (path,) = [*folder.glob("*_ekf.json"), *folder.glob("*_mhe.json")]
     about = json.loads(path.read_text(encoding="utf-8"))
@@ -110,12 +114,12 @@ def compare_estimator_units(
 
 
 def unit_names(unit: OnlineUnit) -> frozenset[str]:
-    """The names of all variables."""
+    """The names of all variables of a unit."""
     return frozenset(variable.name for variable in unit.variables.all)
 
 
 class _UnitRun:
-    """A unit that is run beside its C; `differing` counts values with other bits."""
+    """An FMU that is compared with its C code; `differing` counts values with other bits."""
 
     def __init__(self, unit: OnlineUnit, instance: FmuInstance) -> None:
         self._unit, self._instance = unit, instance
@@ -132,7 +136,9 @@ class _UnitRun:
         self._instance.begin()
 
     def compare(self, given: Numbers, expected: Numbers, counts: Sequence[int]) -> None:
-        """A step with these inputs: what came out, its status and iterations."""
+        """Does a step with the inputs `given`, and compares outputs with `expected`, status and
+        iterations with `counts`.
+        """
         self._set(given)
         self._instance.step(self._steps, float(self._every))
         self._steps += 1
@@ -190,7 +196,7 @@ def _split(
 
 
 def _other(found: Array, expected: Array) -> int:
-    """Values with other bits; NaN is NaN."""
+    """The number of values whose bits differ from the expected ones; any NaN equals any other."""
     # FMI 2.0 knows float64 alone, in which every float32 is exact
     given = found.astype(expected.dtype)
     same = (

@@ -25,7 +25,7 @@ _LEAST_SINGLE, _MOST_SINGLE = 2.0**-126, (2 - 2.0**-23) * 2.0**127
 
 @dataclass(frozen=True, slots=True)
 class Online:
-    """The problems of a plan; one of them at least."""
+    """The problems of an export: a controller, an estimator or both."""
 
     control: ControlProblem | None
     estimation: EstimationProblem | None
@@ -100,7 +100,9 @@ def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Pa
 def _write_units(
     plan: ExportPlan[Online], weights: Weights, folder: Path, files: Sequence[Path]
 ) -> tuple[Path, ...]:
-    """Units of the C that was written into the folder."""
+    """Writes FMUs of the C code `files` in the folder; returns the paths written. Raises
+    MissingExtraError without zig if other platforms are requested, and UnfitCompilerError.
+    """
     from backends.c.host.build import CompilerFailedError
     from backends.fmu.write_fmu import write_headers
     from msnn.features.control.fmu.controller_unit import controller_unit
@@ -214,7 +216,9 @@ def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Ag
 
 
 def _tell(plan: ExportPlan[Online], folder: Path) -> str:
-    """A sentence if the self-tests do not know the bits of every build; else empty."""
+    """A sentence if a self-test of the export has no recorded bits, because no C compiler was
+    available; else empty.
+    """
     del plan
     tests = [path.read_text(encoding="utf-8") for path in folder.glob("src/*_selftest.c")]
     if all("golden" in text for text in tests):

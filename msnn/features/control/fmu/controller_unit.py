@@ -42,7 +42,9 @@ _TOLD = {
 
 
 def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> OnlineUnit:
-    """The unit of a trained problem's controller; `prefix` is that of its C."""
+    """The FMU of the controller of a problem without parameters; `prefix` is that of
+    its C names.
+    """
     names = VariableNames()
     rows = rows_of(problem)
     controls = list(_controls(problem, rows.rows, names, dtype))
@@ -86,7 +88,7 @@ def _states(problem: ControlProblem, names: VariableNames) -> Iterator[Variable]
 
 
 def _known(problem: ControlProblem, names: VariableNames, dtype: Dtype) -> Iterator[Variable]:
-    """Disturbances and references along the horizon."""
+    """Yields the input variables for disturbances and references along the horizon."""
     members = (*problem.disturbances.members, *problem.references.members)
     signals = {signal.name: signal for signal in problem.program.signals}
     for field, member in zip(input_fields(problem), members, strict=True):
@@ -106,7 +108,7 @@ def _known(problem: ControlProblem, names: VariableNames, dtype: Dtype) -> Itera
 
 
 def _axes(field: SeriesField, member: Member) -> tuple[Axis, ...]:
-    """Samples one after the other, each in C order."""
+    """The axes of a variable with several samples: time first, then the axes of one sample."""
     one = tuple(axis for axis in member.axes if axis.name != WINDOW)
     return (Axis(WINDOW, field.samples), *one) if field.samples > 1 else one
 

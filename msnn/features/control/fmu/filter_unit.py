@@ -52,7 +52,9 @@ _WINDOW_TOLD = {
 def filter_unit(
     problem: EstimationProblem, weights: Mapping[str, ArrayLike], about: Mapping[str, Any]
 ) -> OnlineUnit:
-    """The unit of a problem's filter or window; `about` is the description beside its C."""
+    """The FMU of a problem's filter or moving-horizon estimator. `weights` has the physical value
+    of each parameter; `about` is the JSON description next to its C code.
+    """
     dtype: Dtype = about["dtype"]
     prefix: str = about["prefix"]
     # the numbers that a filter begins with are those of the one in Python
@@ -91,7 +93,7 @@ def filter_unit(
 def _inputs(
     problem: EstimationProblem, fields: list[dict[str, Any]], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
-    """The inputs that the step from the sample before reads."""
+    """Yields the variables of the inputs that act from the previous sample to this one."""
     for field in fields:
         yield _signal(
             problem,
@@ -106,7 +108,9 @@ def _inputs(
 def _measured(
     problem: EstimationProblem, fields: list[dict[str, Any]], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
-    """The measurements, and behind them inputs that they depend on at once."""
+    """Yields the variables of the measurements, then those of inputs on which measured outputs
+    depend in the same step.
+    """
     # `measured` of the description lists both kinds in one array, measurements first: the rest are
     # inputs
     count = len(problem.measured)
@@ -199,7 +203,7 @@ def _estimated(
 def _first(
     problem: EstimationProblem, judge: KalmanFilter, names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
-    """The variables of the filter's first estimate, where the importer sets it."""
+    """Yields the variables with which an importer can set the initial estimate."""
     for member in problem.states.members:
         values = judge.vector[member.first : member.first + member.size]
         yield member_variable(
@@ -214,7 +218,9 @@ def _first(
 
 
 def _fills(problem: EstimationProblem, judge: KalmanFilter) -> Iterator[Fill]:
-    """Fills registers of inputs without initial value as if the input had always been constant."""
+    """Yields the registers of past inputs without initial value: the first sample fills them, as if
+    the input had always been constant.
+    """
     registers = {judge.numbers.member(name).first: name for name in problem.registers}
     for field in input_fields(problem, judge.numbers):
         for past in field.pasts:

@@ -20,7 +20,9 @@ from compiler.ir.program import Program
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fill:
-    """A register of an input's past samples, and the input whose first sample fills it."""
+    """A shift register of an input's past samples in the estimate, and the input whose first sample
+    fills it.
+    """
 
     register: str
     source: str
@@ -36,7 +38,9 @@ class Fill:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnlineUnit:
-    """The FMU of a controller or an estimator of a model."""
+    """The contents of an FMU of a controller (`kind` controller) or an estimator (filter or
+    window).
+    """
 
     kind: Literal["controller", "filter", "window"]
     prefix: str
@@ -63,10 +67,11 @@ def write_online_unit(
     *,
     identity: str,
 ) -> tuple[Path, ...]:
-    """Writes the archives of both versions of FMI, with bytes and errors of `write_units`.
+    """Writes the FMUs of FMI 2.0 and 3.0 to `folder`; returns their paths. Bytes and errors are
+    those of `write_units`.
 
-    `program` is that of the problem, `sources` are the generated C by names of files, with this
-    `identity`.
+    `program` is that of the problem, `sources` are the generated C files by name, with this
+    `identity` (a hash). `platforms` are compiled for in addition to this machine.
     """
     meanings = "; ".join(f"{code}: {meaning}" for code, meaning in unit.meanings.items())
     facts = UnitFacts(
@@ -163,7 +168,7 @@ def _facts(program: Program, unit: OnlineUnit, token: str) -> dict[str, Any]:
 
 
 def _element(fill: Fill) -> str:
-    """The number of the input that fills number i of the state."""
+    """The C expression of the index of the input's element that fills element i of the estimate."""
     if fill.size == fill.length:
         return "0"
     # element i of a register is a past sample of the element that its row belongs to
@@ -183,7 +188,7 @@ def _row(variable: Variable, marks: Mapping[str, int]) -> dict[str, Any]:
 
 
 def _beginning(dtype: Dtype, variable: Variable) -> list[str]:
-    """C statements that set the nonzero initial values."""
+    """C statements that set the nonzero initial values of a variable; none for results."""
     if variable.kind.is_result or not np.any(variable.start):
         return []
     pointer = f"(&m->{variable.place})"
@@ -195,7 +200,7 @@ def _beginning(dtype: Dtype, variable: Variable) -> list[str]:
 
 
 def valid_numbers(range: tuple[float, float] | None, size: int, dtype: Dtype) -> NDArray[Any]:
-    """The numbers within a range that are nearest to 0."""
+    """An array (size) of the number nearest to 0 within a range; None is no limit."""
     low, high = (-np.inf, np.inf) if range is None else range
     # FMI wants starts within `min` and `max`
     return np.full(size, min(max(0.0, low), high), dtype)

@@ -33,15 +33,16 @@ _ONE_NUMBER = 1e-6
 
 
 def cost_scale(problem: ControlProblem) -> float:
-    """σ, by which a cost of its size is as large as usual; 1 where no size is found.
+    """σ, the factor by which a solver multiplies the cost J, so that its size is usual; 1 if the
+    size is unknown.
 
     The size is the change of J as the first controls move over their ranges while all others stay:
     the largest difference of three tries, and of that the median over starts and later controls
     drawn from the declared ranges. A gradient of σJ of 1e-6 by a control, over its scale, is then
-    an error of the control of about 1e-8 to 1e-7 of its range. Rounded sizes leave σ 1 for costs
-    that are about as usual, whose digits it then does not change. A plant that runs away goes on
-    from its start: a plan never costs what it costs far out. A reference without a range is as far
-    from the plant as the ranges of the states allow (`compared`).
+    an error of the control of about 1e-8 to 1e-7 of its range. Sizes are rounded, so that σ is 1
+    for costs that are about as usual. If a simulation diverges, its states are set back to the
+    start: a plan never costs as much. A reference without a range is as far from the plant as the
+    ranges of the states allow (`compared`).
     """
     program = problem.program
     # the same points each time: an exported controller must not depend on chance
@@ -91,9 +92,10 @@ def cost_scale(problem: ControlProblem) -> float:
 
 
 def with_scaled_cost(problem: ControlProblem) -> ControlProblem:
-    """The problem of σJ, which solvers are given; multipliers and costs of it are σ times as large.
+    """The problem with the cost σJ, which solvers get; its multipliers and costs are σ times as
+    large.
 
-    Weights of hard bounds are the solver's own, and stay.
+    The solver chooses the weights of hard bounds, which are not scaled.
     """
     scale = problem.cost_scale
     if scale == 1:
@@ -122,13 +124,14 @@ def with_scaled_cost(problem: ControlProblem) -> ControlProblem:
 def compared(
     problem: ControlProblem, log: Mapping[str, NDArray[np.float64]], states: States, draws: int
 ) -> Mapping[str, NDArray[np.float64]]:
-    """The log, with signals without a range kept within what the cost compares them with.
+    """The log, in which signals without a range are limited to the values with which the cost
+    compares them.
 
-    Setpoints between -1 and 1 of a state of ±2e-6 would make the cost change some 1e5 times as far
-    as any plan does. A quadratic cost is least over r where r is what it is compared with: at the
-    vertex of the parabola through three values of r. Of the draws, the middle 80 % of these are the
-    range. Where there is no parabola, as for weights, or the vertex is one number, the signal stays
-    as it is. Shapes: (rows, *shape) of the log, (draws, *shape) of the states.
+    Set-points between -1 and 1 of a state of ±2e-6 would change the cost some 1e5 times as much as
+    any plan does. A quadratic cost has its minimum over r where r equals the compared value: at the
+    vertex of the parabola through three values of r. The middle 80 % of the vertices of all draws
+    are the range. If there is no parabola, as for weights, or if all vertices are equal, the signal
+    stays as it is. Shapes: (rows, *shape) of the log, (draws, *shape) of the states.
     """
     kept = {name: values.copy() for name, values in log.items()}
     interpreter, at = Interpreter(problem.program), np.arange(draws)
@@ -167,7 +170,10 @@ def drawn(
 def _middle_of_vertices(
     before: NDArray[np.float64], at_0: NDArray[np.float64], after: NDArray[np.float64]
 ) -> tuple[float, float] | None:
-    """Vertices of the parabolas through (-1, before), (0, at_0) and (1, after), one per draw."""
+    """The 10 % and 90 % quantiles of the vertices of the parabolas through (-1, before), (0, at_0)
+    and (1, after), one per draw. None if fewer than half of the draws have a parabola, or all
+    vertices are equal.
+    """
     with np.errstate(all="ignore"):
         slope, curvature = after - before, before - 2 * at_0 + after
         least = _ROUNDING * (np.abs(before) + np.abs(at_0) + np.abs(after))
@@ -181,13 +187,17 @@ def _middle_of_vertices(
 
 
 def _spread(costs: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The largest minus the smallest cost of each draw, where that is more than rounding."""
+    """The largest minus the smallest cost of each draw; draws whose costs are equal or not finite
+    are left out.
+    """
     spread: NDArray[np.float64] = np.max(costs, axis=0) - np.min(costs, axis=0)
     return spread[np.isfinite(spread) & (spread > 0)]
 
 
 def _near(states: States, starts: States, far: States) -> States:
-    """The states, with the initial states instead of those of draws that diverge."""
+    """The states, by name (draws, *shape). Draws with a state beyond `far` get their initial states
+    again.
+    """
     is_near = np.ones(_DRAWS, np.bool_)
     for name, values in states.items():
         is_near &= np.all((np.abs(values) <= far[name]).reshape(_DRAWS, -1), axis=1)
@@ -206,7 +216,9 @@ def _around_0(scale: float) -> tuple[float, float]:
 
 
 def _range(problem: ControlProblem, control: ControlLimits) -> tuple[float, float]:
-    """The range of a control: by its bounds, else as declared, else its scale around 0."""
+    """The range of a control: its constant limits, else the declared range, else its scale around
+    0.
+    """
     known = problem.program.signal(control.name).range
     low, high = known or _around_0(control.scale)
     ends = (_number(problem, end) for end in (control.limits.minimum, control.limits.maximum))

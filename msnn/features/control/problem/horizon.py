@@ -19,7 +19,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """The knowns at t: x_0, and d and r along the horizon."""
+    """The values that are known at t: the state x_0, and disturbances and references along the
+    horizon.
+    """
 
     state: Array
     """(nx)"""
@@ -31,7 +33,7 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Controls, and the states that they lead to."""
+    """Controls along the horizon, and the states to which they lead, in the units of the spec."""
 
     states: Array
     """(N+1, nx)"""
@@ -57,7 +59,9 @@ class Multipliers:
 
 @dataclass(frozen=True, slots=True)
 class LimitsAlong:
-    """The limits along the horizon: −∞ or +∞ where there is none."""
+    """The limits along the horizon: −∞ or +∞ where there is none. Arrays of controls
+    are (N, nu).
+    """
 
     control_min: Array
     """(N, nu)"""
@@ -68,13 +72,13 @@ class LimitsAlong:
 
 
 def stages_of(problem: ControlProblem, path: PathLimits) -> slice:
-    """The samples k at which a path limit holds."""
+    """The stages k at which a path limit holds."""
     n = problem.horizon
     return slice(0, n) if path.reads_control else slice(1, n + 1)
 
 
 def block_starts(problem: ControlProblem) -> NDArray[np.bool_]:
-    """(N): True where controls may change at sample k; otherwise u_k = u_{k−1}."""
+    """An array (N): True where controls may change at stage k; otherwise u_k = u_{k−1}."""
     found = np.zeros(problem.horizon, np.bool_)
     # a block starts where those before it end
     found[np.cumsum((0, *problem.blocks[:-1]))] = True
@@ -82,7 +86,9 @@ def block_starts(problem: ControlProblem) -> NDArray[np.bool_]:
 
 
 def log_of(problem: ControlProblem, given: Given, controls: Array) -> dict[str, Array]:
-    """Rows 0 … N of the program's inputs; row N, which has no control, repeats the last one."""
+    """The rows 0 … N of the program's inputs, by name, with the controls (N, nu) of a plan; row N,
+    which has no control, repeats the last one.
+    """
     # at N nothing is decided; stage costs there are not counted, but windows are evaluated
     held = np.concatenate([controls, controls[-1:]])
     log = dict(given.disturbances) | dict(given.references)
@@ -93,12 +99,12 @@ def log_of(problem: ControlProblem, given: Given, controls: Array) -> dict[str, 
 
 
 def flat(values: Array) -> Array:
-    """(rows, size) of (rows, *shape)."""
+    """Reshapes (rows, *shape) to (rows, size)."""
     return values.reshape(len(values), -1)
 
 
 def limits_program(problem: ControlProblem) -> Program:
-    """The part of the problem's program that computes the limits."""
+    """The problem's program with only the outputs that compute limits."""
     each = (*problem.control_limits, *problem.path_limits)
     # outputs are found by name: a limit that two bounds share is computed once
     names = {name for one in each for name in (one.limits.minimum, one.limits.maximum)}
@@ -108,7 +114,9 @@ def limits_program(problem: ControlProblem) -> Program:
 
 
 def limits_along(problem: ControlProblem, interpreter: Interpreter, given: Given) -> LimitsAlong:
-    """The limits at the references given; `interpreter` runs `limits_program`, or all of it."""
+    """The limits along the horizon for the references in `given`; `interpreter` runs
+    `limits_program`, or the complete program.
+    """
     n, nu = problem.horizon, problem.controls.size
     # limits read references alone: any controls and states do
     log = log_of(problem, given, np.zeros((n, nu)))
@@ -139,7 +147,7 @@ def limits_along(problem: ControlProblem, interpreter: Interpreter, given: Given
 
 
 def scales(problem: ControlProblem) -> tuple[Array, Array]:
-    """Typical changes of the elements of x and of u."""
+    """The typical change of each element of x (nx) and of u (nu), in their units."""
     states = [np.full(m.size, problem.state_scales[m.name]) for m in problem.states.members]
     sizes = {control.name: control.scale for control in problem.control_limits}
     controls = [np.full(m.size, sizes[m.name]) for m in problem.controls.members]
@@ -147,7 +155,9 @@ def scales(problem: ControlProblem) -> tuple[Array, Array]:
 
 
 def rates(problem: ControlProblem) -> Array:
-    """(nu): the largest change of each control between samples; ∞ without a limit."""
+    """An array (nu): the largest change of each control from sample to sample; ∞
+    without a limit.
+    """
     known = {control.name: control.rate for control in problem.control_limits}
     found: list[Array] = []
     for member in problem.controls.members:
@@ -158,7 +168,9 @@ def rates(problem: ControlProblem) -> Array:
 
 
 def previous_places(problem: ControlProblem) -> NDArray[np.int64]:
-    """(nu): the index in x of u_{k−1} of each element of u; −1 if x does not hold it."""
+    """An array (nu): the index in x of u_{k−1} of each element of u; −1 if x does not
+    contain it.
+    """
     found = [
         problem.previous(member.name) or (-1,) * member.size for member in problem.controls.members
     ]

@@ -42,7 +42,7 @@ from msnn.features.control.problem.optimal_control import ControlProblem
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """The violation of each kind of optimality condition; NaN if any value is NaN."""
+    """The largest violation of each kind of optimality condition; NaN if any value is NaN."""
 
     dynamics: float
     stationarity: float
@@ -51,7 +51,7 @@ class Residuals:
 
     @property
     def largest(self) -> float:
-        """The worst of them; NaN where one is NaN."""
+        """The largest of the four; NaN if one is NaN."""
         parts = (self.dynamics, self.stationarity, self.bounds, self.complementarity)
         return float(np.max(parts))
 
@@ -66,7 +66,9 @@ class Judge:
         self._jacobian = JacobianInterpreter(self._slopes, problem.program)
 
     def residuals(self, given: Given, plan: Plan, multipliers: Multipliers) -> Residuals:
-        """The residuals at a plan."""
+        """The residuals of the optimality conditions at a plan with these multipliers, for the
+        values `given`.
+        """
         # a plan that leads to ∞ or NaN is judged: its residual is NaN, which is no warning
         with np.errstate(all="ignore"):
             return self._judged(given, plan, multipliers).residuals()
@@ -126,13 +128,15 @@ class _Judged:
         )
 
     def _slopes_of(self, output: str) -> tuple[Array, Array]:
-        """∂/∂x and ∂/∂u of an output along the horizon, (N+1, size, ·)."""
+        """The Jacobians of an output with respect to x and u along the horizon, (N+1, size, nx) and
+        (N+1, size, nu).
+        """
         member = self.rows_of.member(output)
         rows = slice(member.first, member.first + member.size)
         return self.C[:, rows], self.D[:, rows]
 
     def _gradient(self) -> Array:
-        """∂L/∂u by block, (N, nu), 0 where a block goes on."""
+        """∂L/∂u by block, (N, nu): the sum over a block at its first stage, 0 at the others."""
         problem, z = self.problem, self.multipliers
         n = problem.horizon
         by_x, by_u = (slope[:, 0].copy() for slope in self._slopes_of(problem.stage))
@@ -213,7 +217,7 @@ class _Judged:
 
 
 def _columns(controls: Vector, inputs: Vector) -> list[int]:
-    """The positions of the elements of u among those of all ports."""
+    """The index of each element of u among those of all inputs of the Jacobian."""
     return [
         inputs.member(member.name).first + number
         for member in controls.members
@@ -222,5 +226,5 @@ def _columns(controls: Vector, inputs: Vector) -> list[int]:
 
 
 def greatest(values: Array) -> float:
-    """The largest magnitude; 0 where there is none."""
+    """The largest magnitude in an array; 0 for an empty one, NaN if it contains NaN."""
     return float(np.max(np.abs(values), initial=0.0))

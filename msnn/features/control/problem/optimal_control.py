@@ -48,9 +48,10 @@ Mode = Literal["converged", "fixed"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Lowest and highest value, each the name of an output that reads references alone, or None.
+    """The names of the outputs that compute a minimum and a maximum from references alone; None
+    without a limit.
 
-    The output has the axes of what is limited, or none: then it is one number for all elements.
+    An output has the axes of the limited value, or none: then it is one number for all elements.
     """
 
     minimum: str | None
@@ -59,7 +60,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlLimits:
-    """The limits that always hold of a control, also of one returned after a failure."""
+    """The limits of one control, which always hold, even for a control returned after a failure."""
 
     name: str
     """Of the control, a member of `ControlProblem.controls`."""
@@ -73,7 +74,7 @@ class ControlLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathLimits:
-    """Limits of g: a state, an output or an equation along the horizon."""
+    """Limits along the horizon of a value g: a state, an output or an equation."""
 
     name: str
     """As the spec has it."""
@@ -94,7 +95,7 @@ class PathLimits:
 
 @dataclass(frozen=True, slots=True)
 class Reads:
-    """The vectors that a value depends on within its step."""
+    """The names of the states and signals on which a value depends within its step."""
 
     states: frozenset[str]
     signals: frozenset[str]
@@ -104,8 +105,8 @@ class Reads:
 class ControlProblem:
     """An optimal control problem; the docstring of this file states it.
 
-    Vectors list quantities by name, with axes, unit and the place of their first number; numbers of
-    a quantity stand in C order of its axes, the window last.
+    A Vector lists quantities by name, with axes, unit and the index of their first element;
+    elements of a quantity are in C order of its axes, the window last.
     """
 
     program: Program
@@ -169,10 +170,10 @@ class ControlProblem:
 
     @property
     def registers(self) -> dict[str, History | Tape]:
-        """The states that are shift registers, oldest sample first, by what they hold.
+        """The states that are shift registers of past samples, oldest first, by name.
 
-        A `History` of an input s holds the samples before k; a `Tape` of a signal that outputs
-        predict those up to k+ahead−1.
+        A `History` of an input s has the samples before k; a `Tape` of a signal that outputs
+        predict has those up to k+ahead−1.
         """
         found = {state.name: state.origin for state in self.program.states}
         return {n: o for n, o in found.items() if isinstance(o, History | Tape)}
@@ -184,7 +185,9 @@ class ControlProblem:
         return max(windows, default=1)
 
     def previous(self, control: str) -> tuple[int, ...] | None:
-        """The indices in x of the elements of u_{k−1}; None where x holds no past."""
+        """The indices in x of the elements of u_{k−1} of a control; None if x does not contain
+        them.
+        """
         name = f"{control}.history"
         # only a control with a rate, or in a block, has a register
         if all(member.name != name for member in self.states.members):
@@ -199,11 +202,11 @@ class ControlProblem:
         return self.program.output(output).node
 
     def type(self, output: str) -> Type:
-        """Axes and unit of an output."""
+        """The axes and the unit of an output."""
         return self.program.step[self.node(output)].type
 
     def reads(self, *nodes: NodeId) -> Reads:
-        """The vectors that nodes of the step depend on within it."""
+        """The states and signals on which these nodes of the step depend within the step."""
         graph = self.program.step
         live = needed(graph, nodes)
         ops = [node.op for index, node in graph if live[index]]

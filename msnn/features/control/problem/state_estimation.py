@@ -24,7 +24,9 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement:
-    """A measured value of the model, each element with this standard deviation."""
+    """A measured output of the model; each element has noise with the standard deviation `std`, in
+    its unit.
+    """
 
     name: str
     """Of the output in the spec."""
@@ -37,7 +39,9 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatedNumbers:
-    """Standard deviations of a state or parameter, in its unit, the same for all its elements."""
+    """The uncertainty of a state or parameter, in its unit, equal for all its elements: initial
+    standard deviation, drift, and limits of the estimate.
+    """
 
     initial: float
     drift: float
@@ -91,13 +95,13 @@ class EstimationProblem:
 
     @property
     def registers(self) -> dict[str, History | Tape]:
-        """The states that are shift registers, by what they hold."""
+        """The states that are shift registers of past samples, by name, with their signals."""
         found = {state.name: state.origin for state in self.program.states}
         return {n: o for n, o in found.items() if isinstance(o, History | Tape)}
 
     @property
     def inputs_measured(self) -> frozenset[str]:
-        """The inputs that measured outputs read."""
+        """The names of the inputs on which measured outputs depend in the same step."""
         graph = self.program.step
         marked = needed(graph, [self.program.output(m.value).node for m in self.measured])
         reads = [node.op for index, node in graph if marked[index]]
@@ -105,7 +109,7 @@ class EstimationProblem:
 
 
 def augmented(program: Program, parameters: Collection[str]) -> Program:
-    """The program in whose step these parameters are states, after all others.
+    """The program in which these parameters are constant states, after all others.
 
     %1: scalar = parameter k
 

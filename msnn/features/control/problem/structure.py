@@ -27,7 +27,8 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class WindowForm:
-    """A plant whose memory x consists of samples of few states s and of the controls u.
+    """A plant whose memory x consists of current and past samples of few states s and of the
+    controls u:
 
     s_{k+1} = f(s_k, s_{k−1}, …, u_k, u_{k−1}, …)
     """
@@ -52,9 +53,10 @@ class WindowForm:
 
 
 def window_form(problem: ControlProblem) -> WindowForm:
-    """The plant whose state has only the newest sample of each window; the others are past samples.
+    """The window form of a problem: the newest samples of buffers are its states s, older samples
+    are past values of s.
 
-    Windows of a control need no state; other states remain as they are.
+    Buffers of a control need no state. States that are no buffers are states s as they are.
     """
     program = problem.program
     names: list[str] = []
@@ -107,13 +109,15 @@ def window_form(problem: ControlProblem) -> WindowForm:
 
 
 def signals_held(program: Program) -> dict[str, str]:
-    """For each state that is a buffer of past samples, the signal that it stores."""
+    """For each state that is a buffer of past samples of an input or control, the name of that
+    signal.
+    """
     found = {name: _signal(program, node) for name, node in _pushed(program).items()}
     return {name: signal for name, signal in found.items() if signal is not None}
 
 
 def _pushed(program: Program) -> dict[str, NodeId]:
-    """The newest sample of each state that is a buffer."""
+    """For each state that is a buffer, the node of the newest sample that a step adds to it."""
     known = {
         node.op.state: node.args[0] for _, node in program.step if isinstance(node.op, ops.Window)
     }
@@ -133,7 +137,7 @@ def _is_shifted(program: Program, state: State) -> bool:
 
 
 def _signal(program: Program, node: NodeId) -> str | None:
-    """The signal whose sample of this step a node is."""
+    """The name of the signal whose sample at t a node is; None for other nodes."""
     found = program.step[node]
     # reshapes change no number
     while isinstance(found.op, ops.Reshape | ops.Identity):
@@ -148,7 +152,9 @@ Chosen = Literal["staged", "condensed"]
 
 @dataclass(frozen=True, slots=True)
 class ProductEstimate:
-    """Multiplications per iteration, without the derivatives, for each structure."""
+    """The approximate number of multiplications per iteration for each structure, without the
+    derivatives.
+    """
 
     staged: int
     condensed: int
@@ -163,14 +169,16 @@ class ProductEstimate:
 
 
 def chosen_structure(problem: ControlProblem) -> Chosen:
-    """The structure that the spec asks for, or the one that costs less."""
+    """The structure that the spec requests, or for `auto` the one with fewer products."""
     if problem.structure == "auto":
         return estimate(problem).least
     return problem.structure
 
 
 def estimate(problem: ControlProblem) -> ProductEstimate:
-    """Counts the products of each structure for a problem; weights make no difference."""
+    """The approximate number of products per iteration for each structure; it depends on sizes
+    only, not on weights.
+    """
     form = window_form(problem)
     n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
     # products of a Riccati step: Aᵀ P A and its sides, the factor of nu, and the gains
@@ -179,7 +187,9 @@ def estimate(problem: ControlProblem) -> ProductEstimate:
 
 
 def numbers_of(problem: ControlProblem, structure: Chosen) -> int:
-    """The approximate number of values that a controller stores besides activations and weights."""
+    """The approximate number of values in the memory of a controller with this structure, without
+    intermediate values and weights.
+    """
     n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
     paths = sum(problem.type(path.value).size for path in problem.path_limits)
     # both sides of each limit keep slack, multiplier, excess, the excess's multiplier and steps of

@@ -20,11 +20,13 @@ _STEEPER = 10.0
 
 
 def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> ControlProblem:
-    """The problem of a plant with these weights, without parameters; all soft bounds have weights.
+    """The problem with its parameters replaced by weights, and with weights of all soft bounds. A
+    parameter without a weight has its initial value.
 
-    Where the spec says no weight, w₁ = 10 · N · c / s and w₂ = w₁ / s, with s the scale of what is
-    bounded and c the largest stage cost at points drawn from the declared ranges: the cost of a
-    whole horizon changes by about N · c over a distance s, and an exact penalty must be steeper.
+    A bound without a weight in the spec has w₁ = 10 · N · c / s and w₂ = w₁ / s. Here s is the
+    scale of the bounded value, N the horizon, and c the largest stage cost at points drawn from the
+    declared ranges. The cost of a whole horizon changes by about N · c over a distance s, and an
+    exact penalty must be steeper.
     """
     known = replace(problem, program=inline_parameters(problem.program, weights))
     # where every weight is said, nobody needs the size of the cost
@@ -44,7 +46,9 @@ def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> Contro
 
 
 def size_of_cost(problem: ControlProblem) -> float:
-    """The largest stage cost at points drawn from the declared ranges; 1 if none is finite."""
+    """The largest magnitude of the stage cost at points drawn from the declared ranges; 1 if none
+    is finite and nonzero.
+    """
     program = problem.program
     # the same points each time: an exported controller must not depend on chance
     random = np.random.default_rng(0)
@@ -80,12 +84,13 @@ _FAR_OFF = 10.0
 
 
 def trained_window(window: WindowProblem, weights: Mapping[str, ArrayLike]) -> ControlProblem:
-    """The problem without parameters; what is known of others than its own is left out.
+    """The problem of an estimation window with its parameters replaced by weights; other `weights`
+    are ignored.
 
-    Over the scale s of a bounded state errors change by about √c deviations, c the largest cost of
-    a sample at points drawn from what is declared. Where each of N+1 samples is r deviations off,
-    the cost has a slope of 2 r (N+1) √c / s: w₁, the linear cost of leaving a range. Such a cost is
-    in deviations already: a solver takes it as it is.
+    Over the scale s of a bounded state, errors change by about √c standard deviations, with c the
+    largest cost of a sample at points drawn from the declared ranges. If each of N+1 samples is off
+    by r deviations, the cost has a gradient of 2 r (N+1) √c / s: this is w₁, the linear cost of
+    leaving a range. Such a cost is in standard deviations already, and is not scaled.
     """
     control = window.control
     own = {parameter.name for parameter in control.program.parameters}

@@ -42,7 +42,9 @@ from msnn.features.control.problem.state_estimation import (
 def with_limits(
     problem: EstimationProblem, program: Program, scales: Mapping[str, float]
 ) -> tuple[Program, tuple[PathLimits, ...]]:
-    """The program with an output for each bounded value and limit, and the limits."""
+    """The program with an output for each bounded value and limit, and these limits. `scales` are
+    the typical sizes of states by name.
+    """
     builder = GraphBuilder(program.step)
     outputs = list(program.outputs)
     paths: list[PathLimits] = []
@@ -96,7 +98,9 @@ _UNCERTAIN, _NUMBER = "of", "number"
 
 @dataclass(frozen=True, slots=True)
 class WindowProblem:
-    """The problem of a window with N+1 stages and the places of its data; parameters are free."""
+    """The optimal control problem of an estimation window with N+1 samples, whose controls are
+    noise; it still has parameters.
+    """
 
     control: ControlProblem
     numbers: Vector
@@ -110,17 +114,21 @@ class WindowProblem:
 
     @staticmethod
     def measured(signal: str) -> str:
-        """The name of the reference with the measurements of a signal, 0 where there are none."""
+        """The name of the reference with the measurements of a signal, which are 0 where it was not
+        measured.
+        """
         return f"measured {signal}"
 
     @staticmethod
     def seen(signal: str) -> str:
-        """The name of the reference that is 1 where the signal was measured, element by element."""
+        """The name of the reference that is 1 for the measured elements of a signal, else 0."""
         return f"seen {signal}"
 
 
 def window_problem(problem: EstimationProblem) -> WindowProblem:
-    """The problem of the window of `problem.window`."""
+    """The optimal control problem that estimates the states of an `mhe` problem, over
+    its window.
+    """
     window = problem.window
     assert window is not None
     program = augmented(problem.program, problem.parameters)
@@ -187,9 +195,8 @@ def _uncertain(problem: EstimationProblem, numbers: Vector) -> tuple[int, ...]:
 def _with_flat_inputs(
     problem: EstimationProblem, program: Program
 ) -> tuple[Program, dict[str, str]]:
-    """The program whose inputs are one sample each: one that is read ahead has an axis of its own.
-
-    The inputs by the names that they have there.
+    """The program in which every input is a single sample: a window of future samples becomes an
+    ordinary axis. Also the new name of each input.
     """
     names = {
         member.name: member.name if Type(member.axes).window is None else f"ahead {member.name}"
@@ -219,7 +226,9 @@ def _flat(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
 
 
 def _scales(problem: EstimationProblem, window: MovingWindow, program: Program) -> dict[str, float]:
-    """Half of a state's range, else its drift by noise over the window, else 1."""
+    """The typical size of each state: half of its range, else its drift by noise over the window,
+    else 1.
+    """
     found: dict[str, float] = {}
     known = {**problem.deviations, **problem.parameters}
     seconds = window.horizon * problem.sample_time
@@ -234,7 +243,7 @@ def _scales(problem: EstimationProblem, window: MovingWindow, program: Program) 
 
 
 class _Draft:
-    """Grows the step of a window's program."""
+    """Builds the step of a window's program: the model, driven by noise, and the costs."""
 
     def __init__(
         self,
@@ -254,7 +263,7 @@ class _Draft:
         self._begun = self._builder.contract_over(spread, self._noise, _UNCERTAIN)
 
     def program(self, inputs: Mapping[str, str]) -> Program:
-        """The whole program."""
+        """The complete program; `inputs` are the names of the model's inputs in it."""
         b, program = self._builder, self._program
         starts = b.signal(STARTS, 0, 0, Type())
         # references are real numbers: 1 or 0, told apart half-way
@@ -284,7 +293,12 @@ class _Draft:
         )
 
     def _next(self, state: State, starts: NodeId, runs: NodeId) -> NodeId:
-        """F + q √Δt w where the model runs, x̄ + S v where the window starts, else x̄."""
+        """The next value of a state: F + q √Δt w while the model runs (`runs`), x̄ + S v at the
+        start of the window (`starts`), else x̄.
+
+        F is the model's next state, q w its process noise per √s, x̄ the arrival estimate, and S a
+        square root of its covariance.
+        """
         b, member = self._builder, self._numbers.member(state.name)
         now = b.state(state.name, Type(state.axes, state.unit))
         begun = b.slice(self._begun, _NUMBER, member.first, member.first + member.size)
@@ -316,8 +330,9 @@ class _Draft:
         return b.add(state.next, newest)
 
     def _residuals(self) -> tuple[NodeId, list[Output], list[Signal]]:
-        """The sum of the squares of all that was measured, by their standard deviations; these
-        errors themselves, and the references that they read."""
+        """The sum of squares of all measurement errors divided by their standard deviations;
+        outputs with these errors, and the references that they read.
+        """
         b, program = self._builder, self._program
         total = b.constant(0.0, unit=None)
         signals: list[Signal] = []

@@ -21,9 +21,11 @@ from msnn.features.control.run.method import Found, Solver, Status
 
 
 class CompiledMethod:
-    """One instance of the C controller in float64; it keeps the plan of its last solve.
+    """Solves by one instance of the generated C controller in float64, which stores the plan of its
+    last solve.
 
-    Raises CompilerMissingError and KernelBuildError.
+    Creating it raises CompilerMissingError without a C compiler, and KernelBuildError if the code
+    does not compile.
     """
 
     name: Solver = "c"
@@ -65,9 +67,11 @@ class CompiledMethod:
         )
 
     def _within(self, plan: Plan, allowed: ControlRange, applied: Array) -> Plan:
-        """The plan that starts with the returned control, clipped to the limits at later samples.
+        """The plan with the control `applied`, which the C code returned, as its first one, and
+        later controls clipped to their limits.
 
-        A plan that is not solved may break limits of rates; the C cuts what it returns back.
+        A plan that is not solved may break limits of rates; the C code limits the control that it
+        returns.
         """
         scale = self._functions.scale_u
         controls = plan.controls / scale
@@ -82,9 +86,10 @@ _PREFIX = "plant"
 
 
 def native_controller(problem: ControlProblem) -> ControllerLibrary:
-    """A controller of a problem without parameters, in float64.
+    """Compiles the C controller of a problem without parameters, in float64.
 
-    Raises CompilerMissingError and KernelBuildError.
+    Raises CompilerMissingError without a C compiler, and KernelBuildError if the code does not
+    compile.
     """
     texts = controller_texts(problem, _PREFIX, "float64")
     about = json.loads(texts[f"{_PREFIX}_mpc.json"])

@@ -10,7 +10,9 @@ from msnn.features.control.run.interior_point.horizon_functions import HorizonFu
 
 
 class ControlRange:
-    """The scaled controls that one solve may return, after the control that x_0 holds."""
+    """The controls, divided by their scales, that one solve may return: within their bounds, and
+    within their rates from the control that `state` (x_0) contains. `limits` are those of all rows.
+    """
 
     def __init__(self, functions: HorizonFunctions, limits: RowLimits, state: Array) -> None:
         n, nu = functions.horizon, functions.controls
@@ -32,7 +34,10 @@ class ControlRange:
         return bool(np.all(low <= high))
 
     def nearest(self, controls: Array) -> Array:
-        """Controls within all limits, each as near to the given one as its predecessors allow."""
+        """The controls (N, nu), scaled, within all limits that are nearest to the given ones, one
+        stage after the other. If limits contradict each other, the bounds hold and rates may be
+        exceeded.
+        """
         found = np.empty_like(controls)
         before = self._before
         low, high = self._by_block()
@@ -53,7 +58,7 @@ class ControlRange:
         return found
 
     def blocked(self, controls: Array) -> Array:
-        """Controls that stay the same within blocks."""
+        """A copy of the controls (N, nu) in which those of a block all equal its first."""
         found = controls.copy()
         for k in range(1, len(found)):
             if not self._starts[k]:
@@ -61,11 +66,13 @@ class ControlRange:
         return found
 
     def first(self, control: Array) -> Array:
-        """The allowed control at t that is nearest to this one."""
+        """The allowed control (nu) at t that is nearest to the given one, scaled."""
         return self.nearest(np.tile(control, (len(self._low), 1)))[0]
 
     def violation(self, given: Given, controls: Array) -> float:
-        """The scaled violation of hard limits in a simulation with these controls."""
+        """The largest scaled violation of hard limits in a simulation with these scaled controls; 0
+        without hard limits.
+        """
         functions = self._functions
         if not any(path.hard for path in functions.problem.path_limits):
             return 0.0
@@ -74,7 +81,9 @@ class ControlRange:
             return BarrierLimits(functions, self.limits).violation(values)
 
     def _by_block(self) -> tuple[Array, Array]:
-        """The limits at the start of each block: those of all its samples."""
+        """The bounds (N, nu) by stage; at the first stage of a block those of all its stages
+        together.
+        """
         low, high = self._low.copy(), self._high.copy()
         for k in range(len(low) - 1, 0, -1):
             if not self._starts[k]:
@@ -84,7 +93,9 @@ class ControlRange:
         return low, high
 
     def _leads_on(self) -> tuple[Array, Array]:
-        """The ranges from which the limits of all later samples can still be reached."""
+        """The ranges (N, nu) of controls from which the bounds of all later stages can still be
+        reached.
+        """
         low, high = self._by_block()
         for k in range(len(low) - 2, -1, -1):
             # one sample earlier, as far as one move can make up for
@@ -94,7 +105,9 @@ class ControlRange:
         return low, high
 
     def _ranges(self) -> tuple[Array, Array]:
-        """The reachable values at each sample."""
+        """The ranges (N, nu) of controls that can be reached from the previous control
+        and lead on.
+        """
         low, high = self._leads_on()
         for k in range(len(low)):
             if k == 0:

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 
 class Controller:
-    """A predictive controller, `msnn.mpc(model)`; it remembers its plan from solve to solve."""
+    """A predictive controller, `msnn.mpc(model)`. It stores its plan, the applied control and the
+    predicted states from solve to solve.
+    """
 
     def __init__(
         self, problem: ControlProblem, functions: HorizonFunctions, method: Method
@@ -44,10 +46,11 @@ class Controller:
         x: Mapping[str, ArrayLike] | None = None,
         control: Mapping[str, ArrayLike] | None = None,
     ) -> None:
-        """Forgets plan and memory; `x` are known states, `control` the applied controls.
+        """Deletes the plan and the memory. `x` are known states by name, `control` the controls
+        that the plant receives now.
 
-        Raises ValueError for a name, a shape or a number that cannot be one of them; what is not
-        finite then leaves the controller as it was.
+        Raises ValueError for an unknown name and another shape. A value that is not finite also
+        raises it, and then leaves the controller as it was.
         """
         for name, value in {**(x or {}), **(control or {})}.items():
             if not np.isfinite(value).all():
@@ -67,15 +70,16 @@ class Controller:
         references: Mapping[str, ArrayLike] | None = None,
         disturbances: Mapping[str, ArrayLike] | None = None,
     ) -> Solution:
-        """The control at t and the plan behind it.
+        """The control at t, and the plan that begins with it.
 
             found = controller.solve({"upper": 2.0, "lower": 3.0}, references={"level": 6.0})
             apply(found.control["pump"])
 
-        `x` are measured states, and measured samples of signals that outputs predict; what is not
-        given is as predicted from the sample before. References and disturbances are samples at t,
-        or with a preview (N+1, *shape) and (N, *shape). Raises ValueError for names and shapes that
-        the problem does not have.
+        `x` are measured states, and measured samples of signals that outputs predict; others are
+        predicted from the previous sample. References and disturbances are samples at t, or with a
+        preview (N+1, *shape) and (N, *shape). A failure is reported in the status; the returned
+        control is then the previous one within its limits. Raises ValueError for names and shapes
+        that the problem does not have.
         """
         # before it is measured: a measurement that is not finite is taken back
         problem, before = self.problem, self._memory.known
@@ -110,9 +114,10 @@ class Controller:
         return found
 
     def residuals(self, solution: Solution) -> Residuals:
-        """The optimality conditions of a plan, judged apart from the solver.
+        """The residuals of a solution's optimality conditions, computed independently of the
+        solver.
 
-        ValueError for a solution without a plan.
+        Raises ValueError for a solution without a plan.
         """
         if solution.given is None or solution.plan is None or solution.multipliers is None:
             raise ValueError("the solution has no plan")
@@ -122,10 +127,11 @@ class Controller:
     def casadi(
         self, solver: Literal["ipopt", "fatrop"] = "ipopt", options: Mapping[str, Any] | None = None
     ) -> OptimalControlNlp:
-        """The same problem for a solver of CasADi, to compare with; `options` are its own.
+        """The same problem for a solver of CasADi, for comparisons; `options` are passed to it.
+        Raises ImportError without CasADi.
 
-        nlp = controller.casadi("fatrop")
-        print(nlp.solve(found.given, found.plan).cost, found.cost)
+            nlp = controller.casadi("fatrop")
+            print(nlp.solve(found.given, found.plan).cost, found.cost)
         """
         from msnn.features.control.casadi.control_program import OptimalControlNlp
 
@@ -155,14 +161,18 @@ class Controller:
         )
 
     def _held(self, allowed: ControlRange) -> Solution:
-        """The solution for a refused input; limits may have moved since a control was applied."""
+        """The solution for refused inputs. It clips the previous control again, as limits may have
+        changed since it was applied.
+        """
         found = self._kept(Status.INPUT_NOT_FINITE, allowed)
         if self._applied is not None:
             self._applied = _joined(self.problem.controls, found.control, "control")
         return found
 
     def _kept(self, status: Status, allowed: ControlRange, found: Found | None = None) -> Solution:
-        """The last control, clipped to its own limits."""
+        """The solution with this status that holds the previous control, clipped to its own limits.
+        `found` is a plan that failed; its residual and iterations are reported.
+        """
         # the range is in units of the scales
         resting, scale = self._resting(), self._functions.scale_u
         first = allowed.first(resting / scale)
@@ -187,7 +197,7 @@ class Controller:
         )
 
     def _resting(self) -> Array:
-        """The applied control, or before there is one 0 as far as fixed limits let it."""
+        """The applied control (nu), or before there is one 0, clipped to constant limits."""
         if self._applied is not None:
             return self._applied
         return self._functions.resting
@@ -195,7 +205,10 @@ class Controller:
     def _coming(
         self, vector: Vector, given: Mapping[str, ArrayLike], previewed: int
     ) -> dict[str, Array]:
-        """The samples along the horizon: those of a preview, the last one held from there on."""
+        """The samples of each quantity along the horizon: those `given`, of which previews have
+        `previewed` samples, then the last one repeated. Raises ValueError for missing or unknown
+        names and other shapes.
+        """
         names = [member.name for member in vector.members]
         if {*given} != {*names}:
             kind = {"d": "disturbances", "r": "references"}[vector.letter]
@@ -217,7 +230,7 @@ class Controller:
 
 
 def by_sample(vector: Vector, values: Array) -> dict[str, Array]:
-    """The quantities of one sample of a vector, (size)."""
+    """Splits a vector (size) into arrays by the names of its quantities."""
     return {name: array[0] for name, array in by_name(vector, values[None]).items()}
 
 
@@ -249,7 +262,9 @@ def _or_infinite(number: float) -> float:
 
 
 class Memory:
-    """The states of the plant by name: measured, predicted from the sample before, or not known."""
+    """The states of the plant by name: each is measured, predicted from the previous sample, or
+    unknown.
+    """
 
     def __init__(self, problem: ControlProblem) -> None:
         self._problem = problem
@@ -261,7 +276,9 @@ class Memory:
         self.forget()
 
     def forget(self) -> None:
-        """As before the first sample: known is what starts at a value that no log has."""
+        """Restores the memory before the first sample: only states with an initial value that needs
+        no log are known.
+        """
         program = self._problem.program
         alone = [s for s in program.states if not reads_log(program.start, s.start)]
         # a register begins with the first sample of its signal, once that is known (R13)
@@ -275,11 +292,13 @@ class Memory:
 
     @property
     def known(self) -> Mapping[str, Array]:
-        """The known values by name; a later sample changes none of these arrays."""
+        """A copy of the known values by name, whose arrays are never changed later."""
         return dict(self._known)
 
     def restore(self, known: Mapping[str, Array]) -> None:
-        """Goes back to what was known of all that is not finite now."""
+        """Replaces values that are not finite by those in `known`, an earlier copy; others become
+        unknown.
+        """
         for name, value in tuple(self._known.items()):
             if np.all(np.isfinite(value)):
                 continue
@@ -288,9 +307,10 @@ class Memory:
                 self._known[name] = known[name]
 
     def measure(self, values: Mapping[str, ArrayLike]) -> None:
-        """Takes states, and signals that outputs predict, as measured at t.
+        """Stores measured values at t, by name: of states, and of signals that outputs predict.
 
-        A shift register that nothing is known of begins with this sample at every place.
+        The first sample fills a shift register without values completely. Raises ValueError for an
+        unknown name and another shape.
         """
         fed = {o.signal: n for n, o in self._registers.items() if isinstance(o, Tape)}
         for name, value in values.items():
@@ -316,7 +336,7 @@ class Memory:
                 raise ValueError(f"no state or fed-back signal `{name}`; there are {known}")
 
     def begin(self, samples: Mapping[str, Array]) -> None:
-        """Fills registers that nothing is known of with the samples of their signals at t."""
+        """Fills shift registers without values by the samples of their signals at t."""
         for name, origin in self._registers.items():
             if name not in self._known and isinstance(origin, History) and origin.source in samples:
                 sample = samples[origin.source]
@@ -324,12 +344,14 @@ class Memory:
                 self._known[name] = np.repeat(sample[..., None], length, axis=-1)
 
     def vector(self) -> Array:
-        """x, once all is known."""
+        """The state x (nx). All states must be known (`is_complete`); else raises KeyError."""
         parts = [np.ravel(self._known[m.name]) for m in self._problem.states.members]
         return np.concatenate([*parts, np.empty(0)])
 
     def advance(self, given: Given, controls: Array) -> None:
-        """Predicts what is known at t+1, after these controls (nu) were applied."""
+        """Predicts the states at t+1 for these controls (nu), from the state and the disturbances
+        in `given`.
+        """
         # one row is stepped, but the log has the shape of a horizon
         log = log_of(self._problem, given, np.tile(controls, (self._problem.horizon, 1)))
         states = by_name(self._problem.states, given.state[None])

@@ -12,7 +12,7 @@ from msnn.features.control.run.interior_point.horizon_functions import Values
 
 
 class Status(IntEnum):
-    """The outcome of a solve; only the first two move the control."""
+    """The outcome of a solve; with the first two the control is that of a new plan."""
 
     SOLVED = 0
     """The residual is at most the tolerance."""
@@ -30,7 +30,9 @@ class Status(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solution:
-    """The control to apply at t, the plan that it begins, and how good that is."""
+    """The result of a solve: the control to apply at t, the plan that begins with it, and its
+    accuracy.
+    """
 
     status: Status
     control: dict[str, Array]
@@ -59,7 +61,7 @@ Solver = Literal["c", "python"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """The end of a method; `status` is one of the first three."""
+    """The result of a method; `status` is SOLVED, CAPPED or INFEASIBLE."""
 
     status: Status
     plan: Plan
@@ -73,7 +75,7 @@ class Found:
 
 
 class Method(Protocol):
-    """A method that begins each solve at the plan of the one before."""
+    """A solver of one problem that starts each solve from the plan of the previous one."""
 
     @property
     def name(self) -> Solver:
@@ -81,9 +83,13 @@ class Method(Protocol):
         ...
 
     def forget(self, applied: Array | None) -> None:
-        """Begins anew, from the controls that are applied where they are known."""
+        """Deletes the plan; `applied` are the controls (nu) that the plant receives now, None if
+        unknown.
+        """
         ...
 
     def solve(self, given: Given, allowed: ControlRange, resting: Array) -> Found:
-        """Solves; `resting` are the controls of a first plan where there is no other."""
+        """Solves for the values `given` with controls within `allowed`; without a plan, it starts
+        from the controls `resting` (nu), held along the horizon.
+        """
         ...

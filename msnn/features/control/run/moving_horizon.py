@@ -37,9 +37,11 @@ _KNOWN = 1e-13
 
 
 def spread_of(covariance: _Matrix, uncertain: Sequence[int]) -> _Matrix:
-    """S with S Sᵀ = P, the columns of the uncertain numbers; those of others are 0.
+    """S (n, uncertain) with S Sᵀ = P for a covariance P (n, n); `uncertain` are the indices of its
+    uncertain elements.
 
-    P = U D Uᵀ by columns from the last on; S = U √D. A D that is 0 needs no quotient.
+    P = U D Uᵀ, column by column from the last on, with an upper triangular U and a diagonal D; S =
+    U √D. Columns whose D is rounding are 0.
     """
     rest = np.array(covariance, float)
     size = len(rest)
@@ -58,7 +60,9 @@ def spread_of(covariance: _Matrix, uncertain: Sequence[int]) -> _Matrix:
 
 
 class WindowData:
-    """The newest sample is the last of each reference; the window grows until it is full."""
+    """The samples of an estimation window, as references of its control problem: the newest sample
+    is the last row. The window grows until it is full.
+    """
 
     def __init__(self, window: WindowProblem) -> None:
         self._window = window
@@ -81,7 +85,7 @@ class WindowData:
         return self._last - self.count
 
     def measure(self, measured: Mapping[str, Array]) -> None:
-        """Stores the measurements of the newest sample; NaN marks missing ones."""
+        """Stores the measurements of the newest sample, by signal; NaN marks missing elements."""
         for signal, value in measured.items():
             seen = ~np.isnan(value)
             kept = self.references[self._window.measured(signal)]
@@ -91,7 +95,9 @@ class WindowData:
             marks[-1] = np.where(seen, 1.0, marks[-1])
 
     def fresh(self, measured: Mapping[str, ArrayLike]) -> dict[str, Array]:
-        """The values not yet measured at the newest sample; NaN stands for the rest."""
+        """The measurements with NaN for elements that were already measured at the
+        newest sample.
+        """
         found = {name: np.asarray(value, float) for name, value in measured.items()}
         for name, value in found.items():
             marks = self.references.get(self._window.seen(name))
@@ -101,7 +107,9 @@ class WindowData:
         return found
 
     def give(self, inputs: Mapping[str, Array]) -> None:
-        """Stores inputs of the newest sample; the first ones count for all earlier samples too."""
+        """Stores inputs of the newest sample, by name; the first ones are also used for all earlier
+        samples.
+        """
         for name, value in inputs.items():
             kept = self.references[self._window.inputs[name]]
             # stages before the window's first sample are evaluated too, and need inputs that are
@@ -110,7 +118,9 @@ class WindowData:
         self._is_given = self._is_given or bool(inputs)
 
     def samples_at(self, stage: int) -> tuple[dict[str, Array], dict[str, Array]]:
-        """The measurements at a stage, NaN where nothing was measured, and its inputs."""
+        """The measurements at a stage by signal, NaN where nothing was measured, and its inputs by
+        name.
+        """
         measured: dict[str, Array] = {}
         for name in self._window.signals:
             seen = self.references[self._window.seen(name)][stage] > 0
@@ -120,7 +130,9 @@ class WindowData:
         return measured, {name: self.references[own][stage] for name, own in known}
 
     def advance(self) -> None:
-        """Moves the window by one sample, which has no measurements yet and the previous inputs."""
+        """Moves the window by one sample; the new sample has no measurements, and the inputs of the
+        previous one.
+        """
         # previewed references are the samples; the others are of the whole window
         for name, values in self.references.items():
             if name in self._window.control.previewed:
@@ -132,7 +144,9 @@ class WindowData:
         self.count = min(self.count + 1, self._last - 1)
 
     def begin(self, spread: Array) -> None:
-        """Sets the state and the covariance with which the window begins."""
+        """Marks the first stage of the window, and sets `spread`, the square root of the covariance
+        of its initial state.
+        """
         stages = np.arange(self._last + 1)
         # ξ_0 = x̄ + S v is the step from the stage before the first sample
         self.references[STARTS][:] = stages == self.first - 1
@@ -147,7 +161,9 @@ _FIRST = 1
 
 
 class MovingHorizon:
-    """The estimator of an `mhe` section; it remembers a window of samples."""
+    """The moving-horizon estimator of an `mhe` section, `msnn.estimator(model)`. It stores a window
+    of samples, and runs a Kalman filter in parallel.
+    """
 
     def __init__(
         self,
@@ -155,7 +171,9 @@ class MovingHorizon:
         weights: Mapping[str, ArrayLike],
         method: Callable[[ControlProblem, HorizonFunctions], Method],
     ) -> None:
-        """`method` solves the problem of a window."""
+        """`method` makes the solver of the window's problem; `weights` has the physical value of
+        each parameter.
+        """
         self.problem = problem
         # where a window fails, its estimate stands
         self.filter = KalmanFilter(problem, weights)
@@ -177,7 +195,9 @@ class MovingHorizon:
         self.reset()
 
     def reset(self, x: Mapping[str, ArrayLike] | None = None) -> None:
-        """Begins anew, from states where they are given; others as `init` says without a log."""
+        """Restarts the estimator from the states `x`, by name; other states have the initial value
+        of the spec, if it needs no log. Raises ValueError for an unknown name and another shape.
+        """
         self.filter.reset(x)
         self._arrival.reset(x)
         # NaN is what is not given, so that the first inputs may fill it
@@ -194,10 +214,12 @@ class MovingHorizon:
         measured: Mapping[str, ArrayLike],
         inputs: Mapping[str, ArrayLike] | None = None,
     ) -> WindowEstimate:
-        """The estimate at t, from the measurements at t and in the window; NaN marks missing ones.
+        """The estimate at t, from the measurements at t, by signal, and in the window; NaN is not
+        measured.
 
-        `inputs` at t are wanted where measured outputs read them. Raises ValueError where one of
-        these is missing, and for a name or a shape that the problem does not have.
+        `inputs` at t are required if measured outputs depend on them. If the window cannot be
+        solved, the estimate is that of the filter. Raises ValueError for a missing input, an
+        unknown name and another shape.
         """
         # first: where it refuses, the window has no new sample. The window takes the newest of
         # numbers of a sample, the filter each once
@@ -238,11 +260,15 @@ class MovingHorizon:
         return self._told(filtered, status)
 
     def expected(self, inputs: Mapping[str, ArrayLike] | None = None) -> dict[str, Array]:
-        """The predicted measurement of each signal at t, from the filter's estimate."""
+        """The predicted measurement of each signal at t, from the filter's estimate. `inputs` as
+        for `correct`.
+        """
         return self.filter.expected(inputs)
 
     def predict(self, inputs: Mapping[str, ArrayLike] | None = None) -> FilterStatus:
-        """Predicts the state at t+1, with the inputs from t on."""
+        """Predicts the states at t+1, with the inputs that act from t on; returns the status of the
+        filter. Raises ValueError for wrong inputs.
+        """
         status = self.filter.predict(inputs)
         if status in _REFUSED:
             return status
@@ -261,9 +287,10 @@ class MovingHorizon:
         return status
 
     def residuals(self) -> Residuals:
-        """Residuals of the last window's optimality conditions, independent of the solver.
+        """The residuals of the last window's optimality conditions, computed independently of the
+        solver.
 
-        ValueError where nothing was solved.
+        Raises ValueError if no window was solved.
         """
         if self.given is None or self.found is None:
             raise ValueError("no window was solved")
@@ -272,10 +299,11 @@ class MovingHorizon:
     def casadi(
         self, solver: Literal["ipopt", "fatrop"] = "ipopt", options: Mapping[str, Any] | None = None
     ) -> OptimalControlNlp:
-        """The problem of a window for a solver of CasADi, to compare with.
+        """The problem of a window for a solver of CasADi, for comparisons; `options` are passed to
+        it. Raises ImportError without CasADi.
 
-        nlp = estimator.casadi()
-        print(nlp.solve(estimator.given, estimator.found.plan).cost, found.cost)
+            nlp = estimator.casadi()
+            print(nlp.solve(estimator.given, estimator.found.plan).cost, found.cost)
         """
         from msnn.features.control.casadi.control_program import OptimalControlNlp
 
@@ -284,14 +312,16 @@ class MovingHorizon:
     # ---- inside
 
     def _passes_first(self) -> bool:
-        """Updates the arrival filter by the sample that leaves the window."""
+        """Updates the arrival filter, which estimates the start of the window, by the sample that
+        leaves the window. False if it fails.
+        """
         measured, inputs = self._data.samples_at(_FIRST)
         found = self._arrival.correct(measured, inputs, around=self._before)
         status = self._arrival.predict(inputs, around=self._before)
         return found.status is FilterStatus.FILTERED and status is FilterStatus.FILTERED
 
     def _learn_pasts(self) -> None:
-        """Updates the registers of past samples that the first inputs have filled."""
+        """Copies shift registers that the first inputs have filled to the arrival filter."""
         # only before the first step: later ones carry registers on themselves
         if self._data.count == 0 and not np.array_equal(
             self._arrival.is_known, self.filter.is_known

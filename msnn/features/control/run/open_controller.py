@@ -27,11 +27,11 @@ from spec_schema.diagnostics.diagnostic import SpecError, describe
 def open_controller(
     model: Model, weights: Mapping[str, FloatArray], solver: Solver | None = None
 ) -> Controller:
-    """The controller of the model's `mpc` section.
+    """The controller of the model's `mpc` section with these weights (physical values by name).
 
-    It solves by the C that the spec is exported to, where that exists and a compiler is there, else
-    by the reference in Python; `solver` names one of them. Raises ValueError without the section,
-    SpecError for C that is asked for and not to be had.
+    It solves by generated C code if a compiler is available, else in Python with a RuntimeWarning;
+    `solver` (`c` or `python`) chooses one. Raises ValueError without the section, and SpecError if
+    `c` is requested and cannot be compiled.
     """
     control = model.of(ControlProblem)
     if control is None:
@@ -73,9 +73,11 @@ def _method(
 def open_estimator(
     model: Model, weights: Mapping[str, FloatArray], solver: Solver | None = None
 ) -> KalmanFilter | MovingHorizon:
-    """The estimator of the model's `estimator` section. ValueError where it has none.
+    """The estimator of the model's `estimator` section with these weights (physical values by
+    name).
 
-    Moving-horizon estimation solves as controllers do; `solver` says how.
+    Moving-horizon estimation solves as controllers do, and has their errors; `solver` as for
+    `open_controller`. Raises ValueError without the section.
     """
     estimation = model.of(EstimationProblem)
     if estimation is None:

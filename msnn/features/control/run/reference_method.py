@@ -20,7 +20,7 @@ _FAR = 1e4
 
 
 class ReferenceMethod:
-    """The method of one controller, with the plan of its last solve."""
+    """The solver of one controller in Python, with the plan of its last solve."""
 
     name: Solver = "python"
 
@@ -55,7 +55,9 @@ class ReferenceMethod:
         return self._found(given, allowed, outcome)
 
     def _cold(self, given: Given, allowed: ControlRange, begun: Array) -> tuple[Array, Array]:
-        """A plan to begin with: a control that is held, and where it leads."""
+        """An initial plan, scaled: the control `begun` (nu) is held within its limits, and the
+        states are simulated, or all equal x_0 if the simulation diverges.
+        """
         n = self._problem.horizon
         controls = allowed.nearest(np.tile(begun / self._functions.scale_u, (n, 1)))
         states = self._functions.rollout(given, controls)
@@ -99,13 +101,15 @@ class ReferenceMethod:
 
 
 def _shifted(before: Iterate) -> Iterate:
-    """The plan of the sample before, as it is from now on; its end is repeated."""
+    """The plan of the previous sample, shifted by one stage; its last stage is repeated."""
 
     def later(values: Array) -> Array:
         return np.concatenate([values[1:], values[-1:]])
 
     def inside(values: Array) -> Array:
-        """Stage N lacks limits that stage N−1 has: that one is repeated."""
+        """Shifts values of limits: stage N lacks limits that stage N−1 has, so that stage is
+        repeated.
+        """
         return np.concatenate([values[1:-1], values[-2:-1], values[-1:]])
 
     return Iterate(

@@ -24,7 +24,9 @@ _TOO_LARGE = re.compile(r"region `(\w+)' overflowed by (\d+) bytes")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Call:
-    """One call on a board."""
+    """One measured call on a board: its status, iterations, stack depth in bytes and executed
+    instructions.
+    """
 
     name: str
     status: int
@@ -34,7 +36,7 @@ class _Call:
 
 
 def online_board_checks(model: ExportedController, targets: frozenset[str]) -> Iterator[ProofStep]:
-    """One check for each board and optimisation level."""
+    """One check for each board in `targets` and optimisation level: the self-tests run in QEMU."""
     return (_on_board(board, level, model) for board, level in board_levels(targets))
 
 
@@ -124,7 +126,9 @@ def _on_board(board: Board, level: str, model: ExportedController) -> ProofStep:
 
 
 def _worst(model: ExportedController, done: list[_Call]) -> str:
-    """The cap times the dearest iteration of a golden solve."""
+    """A text about the maximum cost of a call: its maximum number of iterations times the
+    instructions of the most expensive one; empty without iterations.
+    """
     caps = {
         "solve": 0 if model.controller is None else model.controller.iterations,
         "correct": 0 if model.filter is None else model.filter.iterations,
@@ -140,7 +144,9 @@ def _worst(model: ExportedController, done: list[_Call]) -> str:
 
 
 def _measured(model: ExportedController) -> list[dict[str, str]]:
-    """The functions through which the linker leads calls."""
+    """The functions whose calls are measured, as variables of a C template: name, parameters,
+    arguments.
+    """
     found: list[dict[str, str]] = []
 
     def add(prefix: str, said: str, parameters: str, arguments: str, **more: str) -> None:

@@ -13,7 +13,9 @@ from msnn.verification.exported_c import UNREADABLE, CFolder, described, plain_h
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownLimits:
-    """The limits of a control that always hold; None if they are not known."""
+    """The constant limits of a control, which always hold; None if there is none or it is not
+    known.
+    """
 
     low: float | None
     high: float | None
@@ -26,7 +28,9 @@ class KnownLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControllerPart:
-    """The controller."""
+    """The description of an exported controller: C prefix, sizes of its structs, iterations,
+    tolerance and limits of controls.
+    """
 
     prefix: str
     inputs: int
@@ -40,7 +44,7 @@ class ControllerPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterPart:
-    """The filter, or the estimator of a window that has one."""
+    """The description of an exported Kalman filter or moving-horizon estimator."""
 
     prefix: str
     is_window: bool
@@ -58,7 +62,7 @@ class FilterPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedController(CFolder):
-    """An export of the target `mpc`: a controller, an estimator, or both."""
+    """The folder of an export to the target `mpc`: a controller, an estimator, or both."""
 
     identities: Mapping[str, str]
     """The hashes of its parts, as their descriptions have them, by a pattern of their files."""
@@ -74,11 +78,11 @@ class ExportedController(CFolder):
 
     @property
     def calibration(self) -> None:
-        """Its parameters are numbers in the code."""
+        """Always None: its parameters are constants in the code."""
 
     @property
     def real(self) -> str:
-        """The type of its numbers in C."""
+        """The floating-point type of its C code."""
         return "float" if self.dtype == "float32" else "double"
 
     @property
@@ -94,7 +98,7 @@ KINDS = ("mpc", "ekf", "mhe")
 
 
 def read_exported_controller(folder: Path) -> ExportedController | None:
-    """The export in a folder; None if this version wrote none there."""
+    """The export in a folder; None if there is none, or if its description is damaged."""
     try:
         parts = {kind: _about(folder, kind) for kind in KINDS}
         found = [about for about in parts.values() if about is not None]
@@ -116,7 +120,9 @@ def read_exported_controller(folder: Path) -> ExportedController | None:
 
 
 def damaged_part(folder: Path) -> str | None:
-    """The description of a controller or estimator that is damaged or missing; None without one."""
+    """The name of the first description of a controller or estimator in a folder that is damaged or
+    missing; None if all are fine.
+    """
     for kind in KINDS:
         try:
             about = _about(folder, kind)
@@ -142,7 +148,9 @@ def _about(folder: Path, kind: str) -> dict[str, Any] | None:
 
 
 def _most_iterations(about: dict[str, Any]) -> int:
-    """Of a solve: those from the plan of the sample before, and as many of a second start."""
+    """The maximum number of iterations of a solve, with those of a second start; 0 if the
+    description has none.
+    """
     # exports before decision 0425 do not say it, and have none
     return int(about.get("iterations", 0)) * (2 if about.get("starts_again") else 1)
 

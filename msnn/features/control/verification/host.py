@@ -41,7 +41,9 @@ _SAID = re.compile(r"^(\w+) ([0-9a-f]{8})$", re.MULTILINE)
 
 
 def online_host_checks(model: ExportedController) -> Iterator[ProofStep]:
-    """The checks that need gcc and clang only, and take seconds."""
+    """Yields the checks on this machine, which only need gcc and clang and take seconds: self-tests
+    at several optimisation levels, sanitizers, random numbers.
+    """
     yield from source_checks(model, _ACCEPTED)
 
     shared = SharedObjects(model)
@@ -57,7 +59,9 @@ def online_host_checks(model: ExportedController) -> Iterator[ProofStep]:
 
 
 def online_fuzz_check(model: ExportedController, seconds: int) -> ProofStep:
-    """The calls of `_drawn`, with numbers that libFuzzer looks for, for so many seconds."""
+    """The check that libFuzzer searches for inputs that break a promise of `_drawn`, for this
+    number of seconds.
+    """
 
     def run(folder: Path) -> Result:
         flags = (*FUZZED, "-DFUZZER", "-fno-sanitize-recover=all")
@@ -74,7 +78,7 @@ def online_fuzz_check(model: ExportedController, seconds: int) -> ProofStep:
 
 
 def no_proof(model: ExportedController) -> ProofStep:
-    """The result of a proof, which cannot be made: the number of iterations depends on the data."""
+    """A step that reports that there is no proof: the number of iterations depends on the data."""
 
     def run(folder: Path) -> Result:
         detail = "no analysis bounds what iterations compute; drawn numbers and sanitizers look"
@@ -85,12 +89,14 @@ def no_proof(model: ExportedController) -> ProofStep:
 
 
 def prefixes(model: ExportedController) -> list[str]:
-    """The prefixes of the names of its parts."""
+    """The C prefixes of the controller and the estimator in the export."""
     return [part.prefix for part in (model.controller, model.filter) if part is not None]
 
 
 def selftest_faults(model: ExportedController, said: str) -> list[str]:
-    """The self-tests that returned other than 0, in sentences."""
+    """A sentence for each self-test that returned other than 0 or did not end; `said` is the output
+    of the test program.
+    """
     # the program prints a line for each self-test as it returns: one that crashed left none, which
     # is another fault than one that returned bits
     answers = dict(_SAID.findall(said))
@@ -104,12 +110,14 @@ def selftest_faults(model: ExportedController, said: str) -> list[str]:
 
 
 def promise(model: ExportedController) -> str:
-    """The meaning of self-tests that return 0."""
+    """A text about the meaning of self-tests that return 0."""
     return "0 bits differ" if model.has_bits else "no bits were recorded: refusals and limits"
 
 
 def _drawn(model: ExportedController, shared: SharedObjects) -> ProofStep:
-    """NaN, infinite, huge and denormal numbers in any calls, between guarded bytes."""
+    """The check with random calls and numbers, including NaN, infinite, huge and denormal ones:
+    controls stay within limits and rates, and no byte outside the structs changes.
+    """
 
     def run(folder: Path) -> Result:
         program = _drawn_program(model, folder, GCC, SANITIZERS, shared)
@@ -185,7 +193,7 @@ def _linked(
 
 
 def _limits(limit: KnownLimits, model: ExportedController) -> dict[str, Any]:
-    """As literals that read back as the numbers of the C."""
+    """The limits as C literals, rounded to the floating-point type of the code."""
     rounded = np.float32 if model.dtype == "float32" else np.float64
     numbers = {"low": limit.low, "high": limit.high, "rate": limit.rate}
     return {

@@ -47,7 +47,12 @@ _MEANING = {
 def file_texts(
     program: IntegerProgram, prefix: str, errors: Sequence[OutputError]
 ) -> dict[str, str]:
-    """The text of each file, by its path in the folder; the same program gives the same bytes."""
+    """The text of each file of the export, by its path in the folder; the same arguments give the
+    same bytes.
+
+    `prefix` begins all C names; `errors` are the measured errors of the outputs, for README and
+    description.
+    """
     names = fixed_names(program, prefix)
     # `fixed_names` may have numbered a prefix that is a word of C: every file takes the one it gave
     prefix = names.prefix
@@ -73,7 +78,9 @@ def file_texts(
 def step_texts(
     program: IntegerProgram, prefix: str, errors: Sequence[OutputError] = ()
 ) -> dict[str, str]:
-    """The files for a program that calls the code: headers, sources, description, FFI."""
+    """The files that a program needs to call the step, by path: headers, sources, JSON description,
+    foreign-function interface. They contain no tests.
+    """
     names = fixed_names(program, prefix)
     prefix = names.prefix
     # the functions come first: the helpers that `definitions` prints are those that they called

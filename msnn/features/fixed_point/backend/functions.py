@@ -32,7 +32,9 @@ struct was initialised."""
 
 
 class FixedFunctions:
-    """Writes the functions of one program and the helpers that they share."""
+    """Writes the functions `init`, `reset` and `step` of one program, and the helpers that they
+    share.
+    """
 
     def __init__(self, program: IntegerProgram, names: FixedNames) -> None:
         self._program, self._names = program, names
@@ -41,9 +43,9 @@ class FixedFunctions:
         self._waits = any(m.from_record and m.first_fills is None for m in program.memories)
 
     def all(self) -> dict[str, c.Function]:
-        """The functions by name.
+        """The functions `init`, `reset` and `step` by name.
 
-        Call this before `definitions`, which lists the helpers they call.
+        Call this before `definitions`, which lists the helpers that they call.
         """
         return {"init": self._init(), "reset": self._reset(), "step": self._step()}
 
@@ -52,7 +54,7 @@ class FixedFunctions:
         return self._helpers.definitions()
 
     def status_bits(self) -> list[FixedStatus]:
-        """The bits that a step can return."""
+        """The status bits that a step of this program can return, in ascending order."""
         bits = FixedStatus(0)
         for entry in self._program.inputs:
             bits |= _POLICY_BITS.get(entry.policy, FixedStatus.CLAMPED)
@@ -167,7 +169,9 @@ class FixedFunctions:
         return self._function("step", f"{prefix}_status_t", arguments, scope, doc)
 
     def _first_step(self, scope: BlockScope) -> None:
-        """Fills the buffers that `init` could not fill with copies of the first sample."""
+        """Writes the code of a step before the memories are complete: it reports a missing `init`
+        or `reset`, and fills buffers that `init` could not fill with copies of the first sample.
+        """
         statements: list[c.Statement] = []
         if self._has_state:
             # states wait for `reset`, or nobody has called `init`
@@ -196,7 +200,9 @@ class FixedFunctions:
             scope.add(c.If(unready, tuple(statements)))
 
     def _expected(self, entry: ExpectedWords, nodes: IntegerNodes, scope: BlockScope) -> None:
-        """Reports an equation that leaves its range; the step continues with the limited value."""
+        """Writes the checks of an equation's range in `step`. A value outside sets a status bit; it
+        was limited before.
+        """
         scope.note(f"expected of {entry.name}")
         report = self._bits(FixedStatus.EQUATION_OUT_OF_RANGE)
         for node, low, high in zip(entry.nodes, entry.low, entry.high, strict=True):
@@ -208,7 +214,8 @@ class FixedFunctions:
             scope.add(c.If(c.Binary("||", below, above), (report,)))
 
     def _loaded(self) -> frozenset[int]:
-        """The nodes that read memory values needed after a memory was overwritten.
+        """The nodes that read an element of a memory which is needed after that memory was
+        overwritten.
 
         They are read into local variables first. A buffer that shifts by samples in place needs
         none.

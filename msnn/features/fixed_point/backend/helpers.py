@@ -15,15 +15,19 @@ class FixedHelpers:
         self._used: dict[str, Callable[[], c.Function]] = {}
 
     def limited(self, x: c.Expression, low: int, high: int) -> c.Expression:
-        """Limits x to the range low … high."""
+        """The C expression of a call that limits x to the range low … high."""
         return self._call("limited", self._limited, (x, c.Integer(low), c.Integer(high)))
 
     def rounded(self, x: c.Expression, bits: int) -> c.Expression:
-        """x / 2^bits, rounded."""
+        """The C expression of a call that computes x / 2^bits, rounded to the nearest integer,
+        halves upwards.
+        """
         return self._call(f"rounded_{bits}", lambda: self._rounded(bits), (x,))
 
     def interpolated(self, table: c.Expression, distance: c.Expression, bits: int) -> c.Expression:
-        """Interpolates in a table with cells of 2^bits, at a distance from its first point."""
+        """The C expression of a call that interpolates in a table linearly. Its cells are 2^bits
+        wide; `distance` is that of the argument from the first point of the table.
+        """
         if bits > 0:
             self.rounded(distance, bits)  # the definition calls it: it is to stand before
         name = f"interpolated_{bits}"
@@ -50,9 +54,8 @@ class FixedHelpers:
         return self._function("limited", arguments, body, "x moved to the nearest limit.")
 
     def _rounded(self, bits: int) -> c.Function:
-        """Writes an exact division, as C leaves right shifts of negative numbers to the compiler.
-
-        Compilers turn the division into a shift.
+        """The function x / 2^bits. It uses an exact division, as C leaves right shifts of negative
+        numbers to the compiler; compilers turn the division into a shift.
         """
         x, raised, pattern, low_bits, rest = (
             c.Name(text) for text in ("x", "raised", "pattern", "low_bits", "rest")

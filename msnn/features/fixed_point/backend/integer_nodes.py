@@ -29,7 +29,9 @@ _BLOCK = 4
 
 @dataclass(frozen=True, slots=True)
 class IntegerLeafSource:
-    """Writes the leaves of an integer graph: elements of ports and memories."""
+    """Gives the C expressions of the leaves of an integer graph: elements of ports and memories, by
+    name and index.
+    """
 
     word: Callable[[str, Index], c.Expression]
     """The expression for an element of a port."""
@@ -42,7 +44,9 @@ class IntegerLeafSource:
 
 
 class IntegerNodes:
-    """Writes the nodes of one graph in one function."""
+    """Writes the nodes of one graph into `scope`, a block of one C function. `surroundings` gives
+    the expressions of leaves.
+    """
 
     def __init__(
         self,
@@ -67,7 +71,9 @@ class IntegerNodes:
         }
 
     def write(self) -> None:
-        """Declares every node that is not written inline in the expression that uses it."""
+        """Writes a local constant for every node that is not written inline in the expressions that
+        use it.
+        """
         for index, node in enumerate(self._nodes):
             # the rows of a product are written together, where the first of them stands
             if self.is_inline(index) or (index in self._rows and index not in self._products):
@@ -90,7 +96,7 @@ class IntegerNodes:
         return self._nodes[index]
 
     def value(self, index: int) -> c.Expression:
-        """The expression for a node, in the type of sums."""
+        """The C expression for a node, in the type of sums."""
         if index in self._rows:
             first, place = self._rows[index]
             # rows of a product are elements of the array that the first of them declared
@@ -98,7 +104,7 @@ class IntegerNodes:
         return self._leaf(self._nodes[index]) if self.is_inline(index) else c.Name(f"n{index}")
 
     def as_word(self, index: int) -> c.Expression:
-        """The expression for a node that fits a word, in the type of words."""
+        """The C expression for a node whose value fits a word, in the type of words."""
         op = self._nodes[index].op
         match op:
             case integer.ReadWord() | integer.ReadMemory() if self.is_inline(
@@ -109,7 +115,9 @@ class IntegerNodes:
                 return c.Convert(c.CType.WORD, self.value(index))
 
     def element(self, op: integer.ReadWord | integer.ReadMemory, at: Index) -> c.Expression:
-        """The element `at` of the port or memory that the operation `op` reads."""
+        """The C expression for the element `at` of the port or memory that the operation `op`
+        reads.
+        """
         match op:
             case integer.ReadWord(port):
                 return self._surroundings.word(port, at)
@@ -171,7 +179,9 @@ class IntegerNodes:
                 assert_never(node.op)
 
     def _write_product(self, rows: tuple[int, ...]) -> None:
-        """Writes the rows of a matrix product. Each sums its terms in their original order."""
+        """Writes a matrix product as two nested loops; `rows` are the nodes of its result. Each row
+        sums its terms in their original order.
+        """
         scope, first = self._scope, rows[0]
         args = self._nodes[first].args
         # operands in an array of their own: the inner loop runs along two arrays of words
@@ -199,7 +209,9 @@ class IntegerNodes:
             inner.assign(c.Element(sums, row.expression()), total)
 
     def _write_sum(self, name: c.Name, op: integer.WeightedSum, args: Sequence[int]) -> None:
-        """Writes the sum in its given order; in another order, partial sums might overflow."""
+        """Writes the sum `op` of the nodes `args` to a variable, in its given order; in another
+        order, partial sums might overflow.
+        """
         total = _Total(name, op.constant, self._scope)
         for begin, count in neighbours([self._nodes[arg] for arg in args]):
             first = self._nodes[args[begin]].op
@@ -212,7 +224,9 @@ class IntegerNodes:
     def _add_neighbours(
         self, total: _Total, weights: tuple[int, ...], first: integer.ReadWord | integer.ReadMemory
     ) -> None:
-        """Adds elements that are adjacent in memory, with a loop."""
+        """Adds elements that are adjacent in memory to a sum, with a loop. `first` reads the first
+        of them; there is one weight per element.
+        """
         total.begin()
         # equal weights, as of a mean, need no table
         table = self._table(weights) if len(set(weights)) > 1 else None
@@ -230,7 +244,9 @@ class IntegerNodes:
         in_blocks(len(weights), _BLOCK, self._scope, add)
 
     def _table(self, values: tuple[int, ...]) -> c.Name:
-        """The constant table with these values; it is declared before its first use."""
+        """The name of the constant C table with these values, which is declared once, before its
+        first use.
+        """
         if values not in self._tables:
             name = c.Name(f"table_{len(self._tables) + 1}")
             # words take half the flash of sums
@@ -243,7 +259,7 @@ class IntegerNodes:
 
 
 class _Total:
-    """Variable that accumulates a sum, term by term."""
+    """A C variable that accumulates a sum, term by term; the first term or constant declares it."""
 
     def __init__(self, name: c.Name, constant: int, scope: BlockScope) -> None:
         self._name, self._scope = name, scope
@@ -252,12 +268,14 @@ class _Total:
             self._declare(c.Integer(constant))
 
     def begin(self) -> None:
-        """Initialises the variable with 0 if no term was added yet."""
+        """Declares the variable as 0 if it has no term yet."""
         if not self._begun:
             self._declare(c.Integer(0))
 
     def add(self, sign: str, term: c.Expression, scope: BlockScope) -> None:
-        """Adds or subtracts a term, in a block of statements."""
+        """Adds a term (`sign` is `+`) or subtracts it (`-`); `scope` is the block for the
+        statement.
+        """
         if self._begun:
             scope.assign(self._name, c.Binary(sign, self._name, term))
         else:
@@ -269,7 +287,9 @@ class _Total:
 
 
 def _term(coefficient: int, value: c.Expression) -> tuple[str, c.Expression]:
-    """The sign of a product, and the product of the absolute values."""
+    """The sign of coefficient · value, as `+` or `-`, and the expression of
+    |coefficient| · value.
+    """
     size = abs(coefficient)
     term = value if size == 1 else c.Binary("*", c.Integer(size), value)
     return ("-" if coefficient < 0 else "+"), term
@@ -298,7 +318,8 @@ _FEWEST_TERMS = 4
 
 
 def neighbours(nodes: Sequence[IntegerNode]) -> Iterator[tuple[int, int]]:
-    """First index and length of each group of nodes that read ascending elements.
+    """Yields the index of the first node and the length of each group of nodes that read ascending
+    elements of one port or memory.
 
     Groups that are too short for a loop are split into single nodes.
     """
@@ -320,9 +341,11 @@ def _follows(before: IntegerNode, after: IntegerNode) -> bool:
 
 
 def matrix_products(nodes: Sequence[IntegerNode], largest_word: int) -> dict[int, tuple[int, ...]]:
-    """All rows of each matrix product in their order, by the index of its first row.
+    """Finds matrix products among the sums of a graph: the indices of all rows of a product in
+    order, by the index of its first row.
 
-    All rows have the same operands in the same order, so all can be computed at the first row.
+    All rows have the same operands in the same order, so all can be computed at the first row. All
+    factors fit a word.
     """
     rows: dict[tuple[int, ...], list[int]] = {}
     for index, node in enumerate(nodes):
@@ -341,6 +364,8 @@ def _is_word(node: IntegerNode, largest_word: int) -> bool:
 
 
 def _is_shorter(rows: int, terms: int) -> bool:
-    """True if a loop takes less code. Copying an operand to an array costs about one term."""
+    """True if loops take less code for a matrix product with this number of rows and terms per row.
+    Copying an operand to an array costs about one term.
+    """
     as_loop = _LOOP + terms * _TERM + rows * terms * _COEFFICIENT
     return rows > 1 and as_loop < rows * terms * _TERM

@@ -27,12 +27,14 @@ _BLOCK = 4
 
 
 def element(base: c.Expression, axes: Sequence[Axis], at: Index) -> c.Expression:
-    """The element at an index in C order; for a scalar, the variable itself."""
+    """The C expression of the element at an index of an array in C order; for a scalar, which has
+    no axes, the variable itself.
+    """
     return c.Element(base, at.expression()) if axes else base
 
 
 class MemoryWriter:
-    """Writes statements about memories in one block of a function."""
+    """Writes C statements about memories into `scope`, a block of one function."""
 
     def __init__(
         self, program: IntegerProgram, names: FixedNames, helpers: FixedHelpers, scope: BlockScope
@@ -41,11 +43,11 @@ class MemoryWriter:
         self._helpers, self._scope = helpers, scope
 
     def element(self, memory: IntegerMemory, at: Index) -> c.Expression:
-        """An element of the state struct."""
+        """The C expression of the element `at` of a memory in the state struct."""
         return element(c.Member("s", self._names.memories[memory.name]), memory.axes, at)
 
     def set(self, memory: IntegerMemory, values: Sequence[int]) -> None:
-        """Sets a memory to constant values."""
+        """Writes the assignment of constants to a memory, one per element."""
         if memory.axes and len(set(values)) == 1:
             # an array of one value, mostly zeros, takes a loop: its turns written out would cost
             # flash
@@ -56,7 +58,9 @@ class MemoryWriter:
             self._scope.assign(self.element(memory, Index(index)), _known(memory, value))
 
     def fill(self, memory: IntegerMemory, words: Sequence[c.Expression]) -> None:
-        """Fills each row with copies of its word."""
+        """Writes the filling of a buffer: all samples of a row become copies of the row's word.
+        `words` has one expression per row.
+        """
         # C order with time last, (rows, samples): each row has one newest word
         samples = memory.size // len(words)
         for row, word in enumerate(words):
@@ -64,7 +68,9 @@ class MemoryWriter:
                 inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
 
     def start(self, memory: IntegerMemory, nodes: IntegerNodes, saturated: c.Statement) -> None:
-        """Sets a memory to its start; `saturated` runs if a value exceeds the limits."""
+        """Writes the assignment of a memory's start, from the start nodes in `nodes`. The statement
+        `saturated` runs if a value exceeds the limits and is limited.
+        """
         for begin, count in neighbours([self._program.start[node] for node in memory.start]):
             if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
                 for index in range(begin, begin + count):
@@ -77,9 +83,10 @@ class MemoryWriter:
         saturated: c.Statement,
         restart: Sequence[int] | None = None,
     ) -> None:
-        """Updates a memory; the statement `saturated` runs if a next value exceeds its limits.
+        """Writes the update of a memory from the step nodes in `nodes`. The statement `saturated`
+        runs if a next value exceeds its limits and is limited.
 
-        With `restart`, all elements of such a memory are then set to `restart`.
+        With `restart`, one value per element, the whole memory is then set to these values.
         """
         graph = self._program.step
         if restart is None or all(_fits(memory, graph[node]) for node in memory.next):
@@ -114,7 +121,9 @@ class MemoryWriter:
         nodes: IntegerNodes,
         too_large: tuple[c.Statement, ...],
     ) -> None:
-        """Sets one element to a node; the statements `too_large` run if it exceeds its limits."""
+        """Writes the assignment of a node to the element `index`; the statements `too_large` run if
+        it exceeds the limits.
+        """
         found, target = nodes.node(node), self.element(memory, Index(index))
         self._scope.assign(target, self._stored(nodes, node, memory, found))
         if not _fits(memory, found):
@@ -131,9 +140,11 @@ class MemoryWriter:
         count: int,
         nodes: IntegerNodes,
     ) -> bool:
-        """Writes a loop if these elements are only copied; returns False if no loop is possible.
+        """Writes a loop if the elements begin … begin + count − 1 are only copied from adjacent
+        elements. Returns False, and writes nothing, if no loop is possible.
 
-        The loop runs in ascending order.
+        `elements` are the nodes of `graph` for all elements of the memory. The loop runs in
+        ascending order.
         """
         moved = elements[begin : begin + count]
         op = graph[moved[0]].op
@@ -153,7 +164,9 @@ class MemoryWriter:
     def _stored(
         self, nodes: IntegerNodes, node: int, memory: IntegerMemory, found: IntegerNode
     ) -> c.Expression:
-        """The node, limited and converted to the type of the memory."""
+        """The C expression of a node, limited to the memory's range if it may exceed it, in the
+        type of the memory.
+        """
         if _fits(memory, found):
             return nodes.value(node) if memory.wide else nodes.as_word(node)
         limited = self._helpers.limited(nodes.value(node), memory.low, memory.high)
@@ -176,7 +189,9 @@ def word_of(port: WordPort, field: str, at: Index) -> c.Expression:
 def check_window(
     port: WordPort, field: str, report: c.Statement, helpers: FixedHelpers, scope: BlockScope
 ) -> None:
-    """Limits the words of a window for `reset` to their range; `report` runs if one was outside."""
+    """Writes the check of a window for `reset`: its words are limited to their range, and the
+    statement `report` runs if one was outside. `field` is the window's C name.
+    """
     _check(port, c.Member("x0", field), field, None, (report, helpers, scope))
 
 
@@ -187,7 +202,9 @@ def check_input(
     helpers: FixedHelpers,
     scope: BlockScope,
 ) -> None:
-    """Checks the words of an input for `step`; `report` runs if one is out of range."""
+    """Writes the check of an input for `step`: its words are limited, or held by its policy, and
+    the statement `report` runs if one was out of range.
+    """
     port, field = entry.port, names.inputs[entry.port.name]
     held = names.held.get(port.name)
     kept = None if held is None else c.Member("s", held)
@@ -226,7 +243,9 @@ def _replace(
     report: c.Statement,
     scope: BlockScope,
 ) -> None:
-    """Reports a word that was limited. With the policy `hold`, the last valid word replaces it."""
+    """Writes the report of a `word` that differs from the given word `raw`, as it was limited. With
+    the policy `hold`, the last valid word `held` replaces it.
+    """
     inner = scope.inner()
     if held is not None:
         inner.assign(word, held)

@@ -39,7 +39,8 @@ _STATE, _WRITTEN, _STEP, _SINGLE, _DIFFER = "s", "written", "golden_step", "sing
 def state_functions(
     program: IntegerProgram, names: FixedNames, singles: Sequence[GoldenSingle], first: int
 ) -> tuple[c.Function, c.Function]:
-    """`<prefix>_load_state(s, written)` and `<prefix>_state_differs(s, golden_step)`.
+    """The C functions `<prefix>_load_state(s, written)` and `<prefix>_state_differs(s,
+    golden_step)`, which write and compare the memories of single golden steps.
 
     In a golden run, later steps reveal a wrong memory. A single step has no later step, so its
     memories are compared directly; single steps start at index `first`.
@@ -92,7 +93,8 @@ def _rows(
 ) -> list[tuple[ArrayView, ArrayView]]:
     """Pairs of views: each memory in the struct, and the same memory in a row of the tables.
 
-    The tables are declared in the scope.
+    `steps` are the words of the memories by name, one mapping per table row; `row` is the C name of
+    the row's index. The tables are declared in the scope.
     """
     found: list[tuple[ArrayView, ArrayView]] = []
     for table, type, wide in (("words", c.CType.WORD, False), ("sums", c.CType.SUM, True)):
@@ -130,7 +132,7 @@ def golden_functions(
     starts: Sequence[IntegerGoldenStart] = (),
     singles: Sequence[GoldenSingle] = (),
 ) -> tuple[Function, ...]:
-    """Prints `GoldenTables` as C functions; words must be exactly equal.
+    """The C functions that replay golden steps from tables; output words must be exactly equal.
 
     The tables contain first the starts of the runs, then the starts that check only the status of
     `reset`. Single steps, each with its own memories, follow the steps of the runs.
@@ -178,7 +180,9 @@ def _written(
 def expected_text(
     program: IntegerProgram, runs: Sequence[GoldenWords], singles: Sequence[GoldenSingle]
 ) -> str:
-    """One line per step: the status, then each word, in hexadecimal digits."""
+    """The expected results as text: one line per step with the status, then each output word, in
+    hexadecimal digits; a blank line between runs.
+    """
     # two's complement, as C prints the word as unsigned: Python would write a minus sign
     digits = program.width.word // 4
     mask = 2**program.width.word - 1
@@ -215,13 +219,17 @@ a test might miss a missing initialisation."""
 
 
 def selftest_functions(program: IntegerProgram, names: FixedNames) -> list[str]:
-    """The golden steps that are compiled into the code for the target."""
+    """The texts of the C functions with the golden steps of the self-test, which is compiled into
+    the code for the target.
+    """
     begun = golden_run(program, SELFTEST_STEPS, 1, opening=_SELFTEST_OPENING, spoiled=0)
     return _golden(program, names, [begun])
 
 
 def test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
-    """`test/<prefix>_sil.c`, the test vectors that it replays, and the expected output words."""
+    """The files of the test on the host, by path: the program `test/<prefix>_sil.c`, the vectors
+    that it replays, and the expected output words.
+    """
     prefix = names.prefix
     # the last runs begin at `init`, the others at a drawn past: the template counts them by
     # `from_init`

@@ -19,7 +19,9 @@ from msnn.features.fixed_point.integers.program import IntegerMemory, IntegerPro
 
 
 def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
-    """All struct types; each field has its declaration and its description."""
+    """The structs `in`, `out`, `init` and `state` for templates and the JSON description; each
+    field has its C declaration and its facts.
+    """
     word = f"{names.prefix}_word_t"
     state = [
         _field(m, names.memories[m.name], f"{names.prefix}_sum_t" if m.wide else word)
@@ -43,7 +45,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
 
 
 def _port_comment(port: WordPort | IntegerMemory) -> str:
-    """Unit, limits, scale, description and spec position of a port."""
+    """Unit, limits, scale, doc and place in the spec of a port, as text of a C comment."""
     unit = f"[{port.unit.text}] " if port.unit is not None else ""
     # exact: a word of 32 bits times a power of two is a double
     low, high = (math.ldexp(limit, -port.fraction) for limit in (port.low, port.high))
@@ -137,7 +139,9 @@ def real_type(program: IntegerProgram) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedNames:
-    """C identifiers by the names of the spec; each dict is one struct."""
+    """C identifiers by the names of the spec; each dict belongs to one struct (`memories` and
+    `held` share the state struct).
+    """
 
     model: str
     """Name of the program."""
@@ -165,7 +169,9 @@ class FixedNames:
 
 
 def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
-    """Chooses names that neither C nor the headers use."""
+    """The C names of a program: they differ from words of C, within a struct also from each other.
+    `prefix` gets a number if it is a word of C.
+    """
     prefix = c_identifier(prefix, set())
     # one set a struct: members of different structs may share a name in C
     ins, outs, wins, mems = (set[str]() for _ in range(4))
@@ -198,7 +204,8 @@ _STORAGES: dict[int, Storage] = {16: "SWORD", 32: "SLONG", 64: "A_INT64"}
 
 
 def calibrated_model(program: IntegerProgram, names: FixedNames) -> CalibratedModel:
-    """Inputs, outputs and states in physical units.
+    """The inputs, outputs and states for an ASAP2 file, with the scales from words to physical
+    units.
 
     Weights are constants in the code, and buffers are omitted.
     """

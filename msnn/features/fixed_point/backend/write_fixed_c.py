@@ -37,7 +37,7 @@ from msnn.features.fixed_point.integers.program import WIDTHS, IntegerProgram, W
 
 @dataclass(frozen=True, slots=True)
 class FixedExport:
-    """The written files, and the errors against float64."""
+    """The paths of the written files, and the measured errors of each output against float64."""
 
     files: tuple[Path, ...]
     errors: tuple[OutputError, ...]
@@ -46,10 +46,11 @@ class FixedExport:
 def write_fixed_c(
     program: Program, weights: Mapping[str, ArrayLike], folder: Path, prefix: str, dtype: str
 ) -> FixedExport:
-    """Writes header, sources, self-test, build file and README.
+    """Writes header, sources, self-test, build file and README of C in fixed point to `folder`.
 
-    `program` is in step form; `dtype` is `q15` or `q31`. The same arguments give the same bytes.
-    Raises SpecError for values that fixed point cannot represent, and OSError.
+    `program` is in step form; `weights` are physical values by name, `dtype` is `q15` or `q31`. The
+    same arguments give the same bytes. Raises SpecError for values that fixed point cannot
+    represent, and OSError.
     """
     numbers: dict[str, Any] = physical_weights(program, weights)
     integers = integer_program(program, numbers, WIDTHS[dtype])
@@ -70,7 +71,8 @@ Array = NDArray[Any]
 def measured_errors(
     program: Program, weights: Mapping[str, Array], integers: IntegerProgram
 ) -> tuple[OutputError, ...]:
-    """Errors over closed-loop runs from random pasts with inputs drawn from their full range.
+    """The errors of each output against float64, over closed-loop runs from random pasts with
+    inputs drawn from their full range.
 
     Half of the runs hold their inputs for several steps, so that errors can accumulate. Without a C
     compiler, or if a start reads future samples, the interpreters run fewer steps.
@@ -128,7 +130,9 @@ class _Comparison:
         return tuple(spread.error(self.program) for spread in spreads.values())
 
     def _reset(self, windows: Mapping[str, list[int]]) -> None:
-        """Starts both programs from the same samples around the first step."""
+        """Starts both programs from the same samples around the first step; `windows` are flat
+        words by port.
+        """
         ports = {port.name: port for port in self.integers.windows}
         shapes = self.words.start_shapes
         self.words.reset({name: np.reshape(windows[name], shapes[name]) for name in ports})
@@ -154,7 +158,9 @@ class _Comparison:
         return (finite(signal.range) or (0.0, 0.0))[0]
 
     def _inputs(self, count: int, random: np.random.Generator, *, held: bool) -> dict[str, Array]:
-        """The words of every step of a run; `held` inputs are constant for several steps."""
+        """Random words for `count` steps by input, (count, *shape). If `held`, they change only
+        every `HELD` steps.
+        """
         drawings = math.ceil(count / HELD) if held else count
         found: dict[str, Array] = {}
         for entry in self.integers.inputs:

@@ -44,9 +44,9 @@ FPU."""
 def integer_program(
     program: Program, weights: Mapping[str, NDArray[Any]], width: Width
 ) -> IntegerProgram:
-    """The integer program, with `weights` as its constants.
+    """Compiles a program to integers, with `weights` (physical values by name) as its constants.
 
-    `program` is in step form without losses. Raises SpecError for a value without bounds, an
+    `program` is in step form. Losses are dropped. Raises SpecError for a value without bounds, an
     unsupported operation or a possible overflow.
     """
     program = with_numbers(program, weights)
@@ -57,7 +57,9 @@ def integer_program(
 
 
 class _Compilation:
-    """State of the compilation of one program."""
+    """The state of the compilation of one program. Creating it raises SpecError if an input or a
+    recorded signal has no finite range.
+    """
 
     def __init__(self, program: Program, width: Width) -> None:
         self.program, self.width = program, width
@@ -124,7 +126,9 @@ class _Compilation:
         return [signal for signal in self.program.signals if signal.name in names]
 
     def _range(self, signal: Signal) -> tuple[float, float] | None:
-        """The range of a signal; a recorded state without its own range has that of the state."""
+        """The range of a signal in the spec; a recorded state without its own range has that of the
+        state. None without either.
+        """
         states = {state.name: state.range for state in self.program.states}
         return signal.range or states.get(signal.name)
 
@@ -186,7 +190,8 @@ class _Compilation:
         raise AssertionError("a start reads no state")
 
     def _bound_states(self, starts: Lowering) -> None:
-        """Chooses the formats of all states except buffers of equations.
+        """Chooses the formats of all states except buffers of equations, from their ranges in the
+        spec or from proved bounds. `starts` is the lowered start of the program.
 
         A buffer of an equation has the format of the equation's value.
         """
@@ -233,7 +238,9 @@ class _Compilation:
         return self.values[key]
 
     def _kept_format(self, lowering: Lowering, state: State) -> tuple[int, int, int]:
-        """The format of a buffer of an equation, which is that of the equation's value."""
+        """The format of a buffer of an equation, which is that of the equation's value: (fraction,
+        low, high).
+        """
         newest = next(
             node.args[0]
             for _, node in self.program.step
@@ -305,7 +312,9 @@ class _Compilation:
 
 
 def _expected_words(entry: Expected, step: Lowering) -> ExpectedWords:
-    """The elements whose proved bounds exceed the range; limits are rounded outwards."""
+    """The checks of an equation's range: the elements whose proved bounds exceed it, with integer
+    limits that are rounded outwards.
+    """
     low, high = entry.range
     found = [(node, step.builder[node]) for node in step.nodes(entry.node)]
     # limits are rounded outwards, so that a value on the limit is within it at any scale
@@ -329,7 +338,9 @@ def step_errors(
     outputs: Sequence[tuple[WordPort, tuple[int, ...]]],
     memories: Sequence[IntegerMemory],
 ) -> Iterator[StepError]:
-    """The error of the worst element of each output and state, from the errors of the nodes."""
+    """Yields the proved error of each output and state after one step: that of its worst element,
+    from the errors of the nodes; inf if nothing is proved.
+    """
     for port, nodes in outputs:
         worst = max(builder.errors[node] for node in nodes)
         yield StepError(port.name, is_state=False, largest=worst)
@@ -346,14 +357,16 @@ def step_errors(
 
 
 def start_errors(builder: IntegerBuilder, memories: Sequence[IntegerMemory]) -> Iterator[StepError]:
-    """The error of the worst element of each first state, limited to the range of its words."""
+    """Yields the proved error of each first state: that of its worst element."""
     for memory in memories:
         worst = max(builder.errors[node] for node in memory.start)
         yield StepError(memory.name, is_state=True, largest=worst)
 
 
 def _may_leave(builder: IntegerBuilder, memory: IntegerMemory, error: float) -> bool:
-    """True if the exact next value of a memory may be outside its range."""
+    """True if the exact next value of a memory may be outside its range, given the error of the
+    computed one.
+    """
     following = [builder[node] for node in memory.next]
     room = min(min(n.low - memory.low, memory.high - n.high) for n in following)
     return math.ldexp(room, -memory.fraction) <= error

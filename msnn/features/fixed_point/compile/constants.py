@@ -16,7 +16,9 @@ from compiler.passes import run_passes
 
 
 def with_numbers(program: Program, weights: Mapping[str, NDArray[Any]]) -> Program:
-    """The program with its parameters as folded constants."""
+    """The program without losses, in which `weights` (physical values by name) replace the
+    parameters as constants.
+    """
     replaced: list[tuple[Graph, dict[NodeId, NodeId]]] = []
     for graph in (program.step, program.start):
         builder, copies = GraphBuilder(), dict[NodeId, NodeId]()

@@ -18,10 +18,14 @@ from msnn.features.fixed_point.integers.builder import CannotFitError, share
 
 
 class ElementwiseForms(Settler):
-    """Makes nodes of operations whose result is not linear in their operands."""
+    """Makes forms of operations whose result is not linear in their operands. Raises CannotFitError
+    where no integer node can represent a value.
+    """
 
     def quotient(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
-        """left / right; a right side that varies uses a table of reciprocals."""
+        """left / right; for a right side that varies, left times a value from a table of
+        reciprocals.
+        """
         if not right.terms:
             form = left.times(1.0 / right.constant)
             end = abs(right.constant)
@@ -54,7 +58,8 @@ class ElementwiseForms(Settler):
         return self._simple(found)
 
     def _is_beyond(self, number: PolynomialForm, other: PolynomialForm, *, above: bool) -> bool:
-        """True if a constant lies above, or below, every value of a node.
+        """True if the constant form `number` lies above (or, for `above` False, below) every value
+        of the node of `other`.
 
         `_aligned` may move such a constant closer without changing a comparison. As the result of
         `min` or `max` it must not move.
@@ -64,7 +69,9 @@ class ElementwiseForms(Settler):
         return scaled > found.high if above else scaled < found.low
 
     def _overshoot(self, number: PolynomialForm, other: PolynomialForm, *, above: bool) -> float:
-        """The maximum by which the real value exceeds such a constant due to the node's error."""
+        """The maximum by which the real value of `other` exceeds a constant that is beyond its
+        node, due to the node's error.
+        """
         node = self.node(other)
         low, high = self.builder.bounds(node)
         apart = number.constant - high if above else low - number.constant
@@ -79,7 +86,9 @@ class ElementwiseForms(Settler):
     def condition(
         self, relation: Relation, left: PolynomialForm, right: PolynomialForm
     ) -> IntegerCondition | Decided:
-        """left relation right; decided at compile time if the bounds of both sides allow it."""
+        """The condition `left relation right`; decided at compile time if the bounds of both sides
+        allow it.
+        """
         if not left.terms and not right.terms:
             error = left.error + right.error
             is_sure = not error or abs(left.constant - right.constant) > error
@@ -92,7 +101,9 @@ class ElementwiseForms(Settler):
         return IntegerCondition(relation, first, second, left - right)
 
     def _aligned(self, left: PolynomialForm, right: PolynomialForm) -> tuple[int, int]:
-        """Both values at one scale; a constant beyond the bounds of the other side stays beyond."""
+        """Nodes of both values at one scale, for a comparison. A constant beyond the bounds of the
+        other side is moved closer, but stays beyond.
+        """
         forms = (left, right)
         for this, other in (forms, forms[::-1]):
             if not this.terms:
@@ -116,7 +127,7 @@ class ElementwiseForms(Settler):
                 fraction -= 1
 
     def _room(self, node: int) -> int:
-        """Distance from the bounds of a node, in units, that no real value of the node reaches."""
+        """A distance from the bounds of a node, in its units, that its real value cannot exceed."""
         found = self.builder[node]
         units = math.ldexp(self.builder.errors[node], found.fraction)
         # no more than a sum has bits for: nearer numbers decide the same, and may be in doubt
@@ -126,7 +137,9 @@ class ElementwiseForms(Settler):
     def selected(
         self, condition: IntegerCondition | Decided, then: PolynomialForm, otherwise: PolynomialForm
     ) -> PolynomialForm:
-        """A choice; between two constants it is linear in a node that is 0 or 1."""
+        """`then` if the condition holds, else `otherwise`. A choice between two constants is linear
+        in a node that is 0 or 1.
+        """
         if isinstance(condition, Decided):
             taken = then if condition.holds else otherwise
             return taken if condition.is_sure else taken.within(then.reach + otherwise.reach)
@@ -144,7 +157,7 @@ class ElementwiseForms(Settler):
         return self.form(self.builder.choose(relation, left, right, a, b, apart))
 
     def _same_scale(self, left: PolynomialForm, right: PolynomialForm) -> tuple[int, int]:
-        """Like `_aligned`, but constants keep their values."""
+        """Nodes of both values at one scale, like `_aligned`, but constants keep their values."""
         a, b = self.node(left), self.node(right)
         fractions = [self.builder[n].fraction for n, f in ((a, left), (b, right)) if f.terms]
         # numbers follow the node beside them: rounded to its scale they cost no shift in the step
@@ -156,7 +169,10 @@ class ElementwiseForms(Settler):
                 fraction -= 1
 
     def applied(self, function: str, *forms: PolynomialForm) -> PolynomialForm:
-        """A function that `scalars.py` lists."""
+        """A scalar function, by its name in `SCALAR_FUNCTIONS`, of the forms: exact for constants,
+        else from a table. Raises CannotFitError for several variables, and if no table is accurate
+        enough.
+        """
         row = SCALAR_FUNCTIONS[function]
         if all(not form.terms for form in forms):
             value = self.number(float(row.numpy(*(np.float64(f.constant) for f in forms))))

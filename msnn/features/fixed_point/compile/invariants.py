@@ -34,12 +34,14 @@ def proved_bounds(
     known: Callable[[Lowering, str], Elements],
     starts: Mapping[str, float],
 ) -> dict[str, float]:
-    """The largest magnitude of each state s with s⁺ = A s + d, where d is bounded.
+    """Bounds |s| of each state s with s⁺ = A s + d, where d is bounded, by name: the largest
+    magnitude of its elements.
 
-    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|. The first attempt ignores the clamps of equations to their
-    ranges. If it gives no bound, each value clamped to two constants becomes part of d, as any
-    value between them. Raises UnsupportedError if the next value is not linear in these states or
-    Aᵏ does not vanish.
+    |s| ≤ Σₖ |Aᵏ| |d| + maxₖ |Aᵏ| |s₀|; `starts` are bounds of |s₀|. `reads` and `known` give the
+    forms of signals and of states with known bounds. The first attempt ignores the clamps of
+    equations to their ranges. If it gives no bound, each value clamped to two constants becomes
+    part of d, as any value between them. Raises UnsupportedError if the next value is not linear in
+    these states or Aᵏ does not vanish.
     """
     limited, expected = _limited(program), {entry.node for entry in program.expected}
     within = {node: None for node in limited if program.step[node].args[0] in expected}
@@ -52,7 +54,7 @@ def proved_bounds(
 
 
 def _limited(program: Program) -> dict[NodeId, tuple[float, float] | None]:
-    """The nodes that are clamped to two constants, with these limits."""
+    """The nodes of the step that are clamped to two constants, with these limits as (low, high)."""
     found: dict[NodeId, tuple[float, float] | None] = {}
     for index, node in program.step:
         if isinstance(node.op, Clamp):

@@ -32,7 +32,9 @@ _LONGEST = 4
 
 
 class UnsupportedError(Exception):
-    """A value that fixed point cannot represent: its name, its position and the reason."""
+    """A value that fixed point cannot represent: its name in messages (`what`), its place in the
+    spec and the reason.
+    """
 
     def __init__(self, what: str, span: Span | None, why: str) -> None:
         super().__init__(why)
@@ -40,7 +42,9 @@ class UnsupportedError(Exception):
 
 
 class Lowering(ElementwiseForms):
-    """Computes forms of the nodes of one graph; `reads` gives signals and logs, `states` states."""
+    """Lowers one graph: computes the forms of its nodes, element by element. `reads` gives the
+    forms of a node that reads signals, `states` those of a state by name.
+    """
 
     def __init__(
         self,
@@ -57,7 +61,9 @@ class Lowering(ElementwiseForms):
         self._values: dict[NodeId, Elements] = {}
 
     def value(self, index: NodeId) -> Elements:
-        """The elements of a node, computed with all that they need."""
+        """The elements of a node as forms or conditions; operands are computed first. Raises
+        UnsupportedError.
+        """
         # a stack of its own: a chain of thousands of equations would be too deep for recursion
         pending = [index]
         while pending:
@@ -74,7 +80,7 @@ class Lowering(ElementwiseForms):
         return self._values[index]
 
     def nodes(self, index: NodeId) -> list[int]:
-        """The integer nodes of a value, in C order."""
+        """The integer nodes of the elements of a node, in C order. Raises UnsupportedError."""
         with_place = self.graph[index]
         try:
             return [self.node(form) for form in self.value(index).ravel()]
@@ -151,7 +157,7 @@ class Lowering(ElementwiseForms):
                 assert_never(node.op)
 
     def _is_clamped_above(self, node: Node) -> bool:
-        """True if a value clamped to a lower limit is compared with that limit; only NaN fails."""
+        """True if a comparison node is `clamp(x, low, …) >= low`, which fails only for NaN."""
         clamped, low = node.args
         if node.op != ops.Compare(ops.Relation.GREATER_EQUAL):
             return False
@@ -168,7 +174,9 @@ class Lowering(ElementwiseForms):
         return self.form(self.node(form)) if len(form.terms) > _LONGEST else form
 
     def _hats(self, index: NodeId, sets: CompactSets) -> Elements:
-        """Membership degrees of triangular sets as differences of ramps; their sum is exactly 1."""
+        """The membership degrees of triangular sets as differences of ramps, one per set; their sum
+        is exactly 1. `index` is the node that they replace.
+        """
         points = self.graph[sets.points].op
         assert isinstance(points, ops.Constant), "points of ramps are numbers"
         (form,) = self._values[sets.value].ravel()
@@ -231,7 +239,9 @@ def _elements(forms: list[PolynomialForm], shape: tuple[int, ...]) -> Elements:
 
 
 def elements(settler: Settler, nodes: list[int], shape: tuple[int, ...]) -> Elements:
-    """Nodes as an array of forms in the shape of a value."""
+    """Integer nodes, in C order, as an array of forms in the shape of a value, after an axis of
+    length 1.
+    """
     return _elements([settler.form(node) for node in nodes], shape)
 
 

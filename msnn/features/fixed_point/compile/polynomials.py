@@ -16,24 +16,27 @@ Monomial = tuple[int, ...]
 
 
 class FormContext(Protocol):
-    """Makes nodes of forms."""
+    """Makes integer nodes of forms, and knows their bounds."""
 
     def is_thin(self, form: PolynomialForm) -> bool:
-        """True if the form is a membership degree, with which products are expanded."""
+        """True if the form consists only of ramps and choices between 0 and 1, such as membership
+        degrees; products with it are expanded.
+        """
         ...
 
     def product(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
-        """left · right as one rounded node."""
+        """left · right as the form of one rounded node."""
         ...
 
     def size(self, monomial: Monomial) -> float:
-        """The largest magnitude of a product of nodes."""
+        """The largest magnitude of the exact value of a product of nodes."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolynomialForm:
-    """constant + Σ coefficient · monomial, within `error` of the exact value.
+    """A real value before rounding: constant + Σ coefficient · monomial, within `error` of the
+    exact value.
 
     The error is 0 unless bounds alone decided a comparison or removed a term. Errors of the nodes
     are counted where the nodes are read.

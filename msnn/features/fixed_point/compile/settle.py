@@ -30,6 +30,7 @@ _Key = tuple[float, tuple[tuple[Monomial, float], ...]]
 @dataclass(frozen=True, slots=True)
 class Ramp:
     """A node that rises from 0 while x crosses one interval of a chain of adjacent intervals.
+    `chain` identifies the chain, `place` is the index of the interval.
 
     A ramp begins where the previous one ends. So sums over the ramps of a chain are bounded by
     their values at the interval ends.
@@ -40,7 +41,7 @@ class Ramp:
 
 
 class Settler:
-    """Turns the forms of one graph into nodes, and remembers them."""
+    """Turns the forms of one graph into integer nodes; equal forms become one node."""
 
     def __init__(self, width: Width) -> None:
         self.builder = IntegerBuilder(width)
@@ -72,7 +73,9 @@ class Settler:
         return self.form(node).times(mine * its)
 
     def _factor(self, form: PolynomialForm) -> tuple[int, float]:
-        """A factor of a product as (word, coefficient): the factor is coefficient · word."""
+        """A factor of a product as (word, coefficient), a node and a number: the factor is
+        coefficient · word.
+        """
         if form.degree != 1 or len(form.terms) != 1 or form.constant != 0.0:
             return self.builder.as_word(self.node(form)), 1.0
         (((node,), coefficient),) = form.terms
@@ -86,7 +89,8 @@ class Settler:
     def _beside(
         self, decided: tuple[PolynomialForm, int, float], other: tuple[PolynomialForm, int, float]
     ) -> float:
-        """The error of a product d·r whose factor d is a sum of decisions, else inf.
+        """A bound on the error of a product d·r whose factor d is a sum of decisions (nodes that
+        are 0 or 1); inf for other factors.
 
         A decision can be wrong by 1 only near its threshold, where r may be small. Both arguments
         are (form, word, coefficient) with form = coefficient · word.
@@ -108,7 +112,9 @@ class Settler:
         return wrong + share(right.reach, rounding) + by_right
 
     def node(self, form: PolynomialForm) -> int:
-        """The node that holds the form's value."""
+        """The integer node that represents the form's value. Raises CannotFitError if no scale
+        does.
+        """
         # without the error: equal forms are one node, which has the larger of their errors
         key = form.constant, form.terms
         if key not in self._settled:
@@ -118,7 +124,9 @@ class Settler:
         return self.builder.allow(node, error + form.error)
 
     def _degree_one(self, form: PolynomialForm) -> list[tuple[int, float]]:
-        """The terms with products computed; common factors are taken out first."""
+        """The terms of a form as (node, coefficient), after its products became nodes; common
+        factors are taken out first.
+        """
         linear = [(m[0], c) for m, c in form.terms if len(m) == 1]
         rest = {m: c for m, c in form.terms if len(m) > 1}
         while rest:
@@ -174,15 +182,20 @@ class Settler:
         return self.builder.allow(self.builder.weighted_sum(rounded, kept, fraction, bounds), error)
 
     def _term_error(self, whole: int, operand: int, coefficient: float, fraction: int) -> float:
-        """|c′ v − c x| ≤ |c′ − c| |v| + |c| |v − x| for a term; c′ is the rounded coefficient."""
+        """|c′ v − c x| ≤ |c′ − c| |v| + |c| |v − x| for a term: v is the operand's value, x the
+        exact one, c the coefficient and c′ its rounded value, the integer `whole` at the scale
+        `fraction`.
+        """
         used = math.ldexp(whole, self.builder[operand].fraction - fraction)
         off = share(used - coefficient, self.builder.reach(operand))
         return off + share(coefficient, self.builder.errors[operand])
 
     def _apart(self, terms: list[tuple[int, float]]) -> list[tuple[int, float]]:
-        """Sums the products at their own scale first if they are small compared with shifted terms.
+        """The terms of a sum; those with general coefficients become one node if this gives their
+        coefficients more bits.
 
-        x + dt · (…) would otherwise leave few bits for the coefficients of the second part.
+        In x + dt · (…), the large first term would otherwise leave few bits for the coefficients of
+        the second part.
         """
         products = [term for term in terms if self._exact_fraction(*term) is None]
         shifted = [term for term in terms if self._exact_fraction(*term) is not None]
@@ -207,7 +220,7 @@ class Settler:
         return self.builder.literal(whole, fraction, abs(math.ldexp(whole, -fraction) - value))
 
     def _order(self, term: tuple[int, float]) -> tuple[int, int, int]:
-        """Sort key that keeps the ramps of a chain together in order.
+        """Sort key of a term (node, coefficient) that keeps the ramps of a chain together in order.
 
         The bound of their sum requires this order.
         """
@@ -228,7 +241,9 @@ class Settler:
         return math.floor(math.log2(_ROOM * self.builder.width.largest_sum / reach))
 
     def _fraction_of(self, constant: float, terms: list[tuple[int, float]]) -> int:
-        """The scale at which a constant is an integer or as precise as a word of the sum."""
+        """The fraction digits with which a constant is an integer, or if fewer, those of a word
+        that holds the sum of the constant and the terms.
+        """
         whole, parts = constant.as_integer_ratio()
         if not whole:
             return -_FINEST
@@ -241,7 +256,9 @@ class Settler:
         )
 
     def _bounds(self, terms: list[tuple[int, float]], *, integer: bool) -> tuple[float, float]:
-        """The interval of partial sums of the terms, 0 included."""
+        """The smallest and largest partial sum of the terms, 0 included; in integers or, for
+        `integer` False, in real values.
+        """
         low = high = 0
         chains: dict[int, list[float]] = {}
         for node, coefficient in terms:
@@ -260,15 +277,16 @@ class Settler:
         return low, high
 
     def _exact_fraction(self, node: int, coefficient: float) -> int | None:
-        """The scale at which coefficient · node is the node's integer, or None.
-
-        Only coefficients that are powers of two have such a scale.
+        """The fraction digits with which coefficient · node is the node's own integer; None unless
+        the coefficient is ± a power of two.
         """
         mantissa, exponent = math.frexp(abs(coefficient))
         return self.builder[node].fraction - (exponent - 1) if mantissa == 0.5 else None
 
     def _scaled(self, node: int, coefficient: float, fraction: int) -> tuple[int, int]:
-        """Integer coefficient and operand of a term at the scale of the sum."""
+        """The integer coefficient and the operand node of a term, if the sum has these fraction
+        digits.
+        """
         exact = self._exact_fraction(node, coefficient)
         sign = 1 if coefficient > 0 else -1
         # a power of two costs no multiplication: the node is shifted, up here or down below

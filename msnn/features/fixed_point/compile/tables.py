@@ -18,7 +18,8 @@ Slope = Callable[[float, float], float]
 
 
 def furthest(function: str, low: float, high: float, apart: float) -> float:
-    """The largest |f(x) − f(y)| for |x − y| ≤ apart and x in low … high; inf if unknown.
+    """The largest |f(x) − f(y)| for |x − y| ≤ apart and x in low … high; inf if unknown. `function`
+    is the name of f, such as `sin` or `1/x`.
 
     By the mean value theorem with the largest |f′| in the widened interval. √, asin and acos have
     their own bounds at the ends of their domains, where |f′| is infinite.
@@ -39,7 +40,9 @@ def furthest(function: str, low: float, high: float, apart: float) -> float:
 
 
 def steepest(function: str, low: float, high: float) -> float:
-    """The largest |f′| in low … high; inf if it is infinite or unknown."""
+    """The largest |f′| in low … high of the function with this name; inf if it is infinite or
+    unknown.
+    """
     slope = _SLOPES.get(function)
     if slope is None:
         return math.inf
@@ -100,7 +103,9 @@ _TOLERANCE = {"q15": 2.0**-10, "q31": 2.0**-19}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedTable:
-    """A table, the scale of its values and the part of the domain that it covers."""
+    """A table of a function, the fraction digits of its values and the integer range low … high of
+    arguments that it covers.
+    """
 
     table: IntegerLookup
     fraction: int
@@ -116,7 +121,8 @@ def fitted_table(
     width: Width,
     argument: tuple[int, int, int],
 ) -> FittedTable:
-    """The table for a function; `argument` is (low, high, fraction digits) of its integer argument.
+    """The smallest table for a function that is accurate enough; `argument` is (low, high, fraction
+    digits) of its integer argument, `name` is that of the function.
 
     A table ends where the function is constant within half a unit; the caller limits the argument
     to low … high. Raises CannotFitError if no table is accurate enough.
@@ -172,9 +178,11 @@ def fitted_table(
 
 
 def _between(name: str, points: Reals, fraction: int, steep: float) -> float:
-    """Additional error for words between the checked points; 0 if every word was checked.
+    """Additional error of a table for words between the checked `points`; 0 if every word was
+    checked.
 
-    Bounded by the largest derivatives of function and table over the distance to the nearest point.
+    Bounded by the largest derivatives of function and table (`steep`) over the distance to the
+    nearest point.
     """
     farthest = float(np.diff(points).max(initial=1.0)) // 2
     if farthest < 1:
@@ -186,7 +194,9 @@ def _between(name: str, points: Reals, fraction: int, steep: float) -> float:
 def _varying(
     points: Reals, values: Reals, negligible: float, low: int, high: int
 ) -> tuple[int, int]:
-    """The part of the domain outside which the function equals its end values."""
+    """The part of the domain outside which the function equals its end values, within `negligible`.
+    `values` are those at the integer `points` of low … high.
+    """
     moved = np.flatnonzero(np.abs(values - values[0]) > negligible)
     if moved.size == 0:
         return low, low
@@ -203,7 +213,8 @@ def _nodes(
     fraction: int,
     domain: tuple[int, int],
 ) -> Reals | None:
-    """Values at the cell ends, shifted by half the interpolation error in the middle of the cells.
+    """The values of a table with `cells` cells of 2^bits from `first`: function values at the cell
+    ends, shifted by half the interpolation error in the middle of the cells.
 
     None if a value is not finite.
     """

@@ -25,7 +25,7 @@ Interval = tuple[int, int]
 def bounds_near(
     nodes: Sequence[IntegerNode], node: int, ends: Interval
 ) -> dict[int, tuple[float, float]]:
-    """The real intervals of nodes while the word of one node lies between the two ends.
+    """The real intervals of nodes while the word of `node` lies between the two `ends`, by index.
 
     The result contains only nodes with narrowed intervals: the nodes of which this node is a
     rescaled copy, and those computed from them.
@@ -52,7 +52,9 @@ def bounds_near(
 
 
 def _scaled_from(nodes: Sequence[IntegerNode], node: int, ends: Interval) -> Interval | None:
-    """The range of words of the node that this node rescales; None if it is no rescaled copy."""
+    """The range of words of the operand that this node rescales, if its own words lie between
+    `ends`; None if it is no rescaled copy.
+    """
     low, high = ends
     match nodes[node].op:
         case RoundShift(bits):
@@ -94,7 +96,7 @@ def _narrowed(node: IntegerNode, args: Sequence[Interval]) -> Interval | None:
 
 @dataclass(frozen=True, slots=True)
 class IntegerCondition:
-    """left relation right, for two nodes of the same scale."""
+    """A condition `left relation right`, for two nodes of the same scale."""
 
     relation: Relation
     left: int

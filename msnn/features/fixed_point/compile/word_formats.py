@@ -14,7 +14,9 @@ def finite(limits: tuple[float, float] | None) -> tuple[float, float] | None:
 
 
 def word_format(low: float, high: float, bits: int) -> tuple[int, int, int]:
-    """Binary fraction digits, and integer limits, of values low … high with this number of bits."""
+    """The format of values low … high with this number of bits: fraction digits, and both limits as
+    integers.
+    """
     # what is always 0 has a format too
     reach = max(abs(low), abs(high), _SMALLEST) if low or high else 2.0**-bits
     # reach = m · 2^e with m in [1/2, 1): a bit for the sign, e before the point, the rest behind it

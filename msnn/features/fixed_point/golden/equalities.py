@@ -70,7 +70,9 @@ def golden_equalities(program: IntegerProgram, steps: int, seed: int) -> list[Go
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
-    """A comparison: the nodes needed to compute it, and the difference of its sides."""
+    """A comparison of a program: the nodes needed to compute it, and a function that returns the
+    difference of its sides from their values.
+    """
 
     nodes: tuple[IntegerNode, ...]
     apart: Callable[[Sequence[int]], int]
@@ -81,7 +83,7 @@ class _Comparison:
 
     @property
     def words(self) -> list[tuple[str, int]]:
-        """The elements of inputs on which it depends."""
+        """The elements of inputs on which it depends, as (port, index)."""
         ops = (node.op for node in self.nodes)
         return [(op.port, op.index) for op in ops if isinstance(op, ReadWord)]
 
@@ -123,7 +125,9 @@ def _with_other(nodes: tuple[IntegerNode, ...], index: int, op: Choose) -> tuple
 def _comparison(
     graph: tuple[IntegerNode, ...], sides: tuple[int, ...], end: int, broken: IntegerProgram
 ) -> _Comparison:
-    """Compares two nodes, or one node with the constant `end`."""
+    """The comparison of two nodes of `graph`, or of one node with the constant `end`; `sides` has
+    two or one index.
+    """
     nodes, places = reached(graph, sides)
     left = places[sides[0]]
     if len(sides) == 1:
@@ -157,7 +161,9 @@ class _Search:
     def run(
         self, pending: Sequence[_Comparison], steps: int
     ) -> tuple[GoldenWords, set[_Comparison]]:
-        """A run in which the search tries one comparison after the other, and those made equal."""
+        """A run of `steps` steps in which the search tries one comparison after the other, and the
+        comparisons that were made equal.
+        """
         program = self.program
         order = [pending[k] for k in _shuffled(len(pending), self.random)]
         # what begins is in round numbers: from there on sides that are remembered may be equal
@@ -193,7 +199,9 @@ class _Search:
     def _begin(
         self, order: Sequence[_Comparison], windows: Words, words: Words
     ) -> set[_Comparison]:
-        """Moves a word around the first step; returns the comparison that became equal, if any."""
+        """Moves one word of `windows` so that a comparison becomes equal in the start or in the
+        first step, whose inputs are `words`. Returns that comparison in a set, or an empty set.
+        """
         ports = {port.name: port for port in self.program.windows}
         places = [(name, k) for name, port in ports.items() for k in range(port.size)]
         wanted = next((one for one in order if one.at_start or one.remembers), None)
@@ -218,7 +226,9 @@ class _Search:
     def _meet_next(
         self, wanted: _Comparison, state: IntegerState, words: Words, following: Words
     ) -> bool:
-        """Moves a word of this step so that the sides are equal in the next; True if successful."""
+        """Moves one of the input `words` of this step so that the sides are equal in the next step,
+        whose inputs are `following`; True if successful.
+        """
         if not wanted.remembers:
             return False
         places = [(name, k) for name, port in self.ports.items() for k in range(port.size)]
@@ -242,7 +252,9 @@ class _Search:
         ports: dict[str, WordPort],
         apart: Callable[[], int],
     ) -> bool:
-        """Moves one of several words until both sides are equal; otherwise all stay unchanged."""
+        """Moves one of the words at `places` (port, index) until `apart`, the difference of both
+        sides, is 0. Returns False, with all words unchanged, if none succeeds.
+        """
         # few words a time: most comparisons depend on most words, and a miss costs a whole search
         for place in _shuffled(len(places), self.random)[:_TRIED]:
             name, element = places[place]
@@ -259,7 +271,9 @@ class _Search:
         return False
 
     def _root(self, function: Callable[[int], int], port: WordPort) -> int | None:
-        """A word at which the function is 0, searched between words of different signs; or None."""
+        """A word in the range of `port` at which the function is 0, searched between words of
+        different signs; None if none is found.
+        """
         # sides need not differ monotonically: between ends of one sign there may be two roots
         inside = self.random.integers(port.low, port.high, _PROBES, endpoint=True).tolist()
         known = [(word, function(word)) for word in sorted({port.low, *inside, port.high})]

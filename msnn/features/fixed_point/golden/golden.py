@@ -25,7 +25,9 @@ class IntegerGoldenStart:
 
 @dataclass(frozen=True, slots=True)
 class GoldenWords:
-    """The integers of a run, by port: those of the start, then inputs and outputs of each step."""
+    """A golden run in words, flat lists by port: its start, then inputs, outputs and status of each
+    step.
+    """
 
     start: IntegerGoldenStart
     inputs: list[dict[str, list[int]]]
@@ -42,11 +44,12 @@ def golden_run(
     opening: int = 0,
     spoiled: int | None = None,
 ) -> GoldenWords:
-    """A run of `steps` steps, with some invalid inputs.
+    """A golden run of `steps` steps with random words, some of them invalid.
 
-    It begins with a random past or, with `from_init`, without one. The first `opening` words of
-    every input are invalid, and every second word of the past from index `spoiled` on. The
-    generator is counter-based (Philox), so a seed gives the same words on every machine.
+    It begins with a random past or, with `from_init`, without one. In the first `opening` steps
+    every input has an invalid word. Every second word of the past from index `spoiled` on is
+    invalid; None leaves all valid. The generator is counter-based (Philox), so a seed gives the
+    same words on every machine.
     """
     random = np.random.Generator(np.random.Philox(seed))
     windows = {port.name: drawn(port, random) for port in program.windows}
@@ -82,7 +85,9 @@ def answered(
     *,
     from_init: bool = False,
 ) -> GoldenWords:
-    """The run with these inputs, from samples around the first step or from `init`."""
+    """The golden run with these inputs, one mapping per step, from `windows` around the first step
+    or, with `from_init`, from `init`.
+    """
     state = reset(program, windows)
     start = IntegerGoldenStart(windows, int(state.said))
     if from_init:
@@ -133,7 +138,7 @@ def _within(word: int, port: WordPort) -> int:
 
 
 def drawn(port: WordPort, random: np.random.Generator) -> list[int]:
-    """Random words from the whole range of a port."""
+    """Random words from the whole range of a port, one per element, as a flat list."""
     words = random.integers(port.low, port.high, port.size, endpoint=True)
     return [int(word) for word in words]
 

@@ -37,7 +37,9 @@ _Place: TypeAlias = tuple[bool, str, int]
 
 @dataclass(frozen=True, slots=True)
 class GoldenSingle:
-    """A step: the memories before and after it, inputs, outputs and status."""
+    """A single golden step in words: the memories before it and after it (`following`), inputs,
+    outputs and status.
+    """
 
     memories: Numbers
     inputs: Numbers
@@ -47,7 +49,8 @@ class GoldenSingle:
 
 
 def golden_singles(program: IntegerProgram, seed: int) -> list[GoldenSingle]:
-    """Steps on both sides of every decision of a step, which short runs may never reach.
+    """Single steps on both sides of every decision of a step, which short runs may never reach;
+    empty for a program without memories and inputs.
 
     A memory may start with any value within its limits, since the bounds of all nodes hold for
     these. Decisions are comparisons, minima, maxima, limits of memories and equations, and knots of
@@ -71,7 +74,9 @@ def golden_singles(program: IntegerProgram, seed: int) -> list[GoldenSingle]:
 
 @dataclass(frozen=True, slots=True)
 class _Decision:
-    """Two nodes, or a node and a constant, whose order decides; and all nodes they need."""
+    """Two nodes, or a node and the constant `end` (`right` is None), whose order decides; `nodes`
+    are all that they need, and `left` and `right` are indices in it.
+    """
 
     nodes: tuple[IntegerNode, ...]
     left: int
@@ -163,7 +168,9 @@ class _Search:
     work: int = 0
 
     def beside(self, decision: _Decision) -> Iterator[_Trial]:
-        """The steps for one decision."""
+        """Yields steps on both sides of one decision: the two extremes, then pairs next to
+        equality.
+        """
         drawn_one = self._drawn()
         low, high = (self._farthest(decision, drawn_one, sign) for sign in (-1, 1))
         yield low
@@ -190,9 +197,8 @@ class _Search:
         return port.low, port.high
 
     def _farthest(self, decision: _Decision, begin: _Trial, sign: int) -> _Trial:
-        """The step whose elements were moved, one after the other, to their most effective limit.
-
-        `sign` is the direction in which the difference shall change.
+        """A step from `begin` whose elements are moved, one after the other, to the limit that
+        increases `sign` times the difference of both sides most.
         """
         best, reach = begin.copy(), sign * self._apart(decision, begin)
         for place in decision.places():
@@ -208,7 +214,9 @@ class _Search:
     def _between(
         self, decision: _Decision, low: _Trial, high: _Trial, least: int
     ) -> Iterator[_Trial]:
-        """Two adjacent steps from `low` to `high`, between which the difference reaches `least`."""
+        """Yields two adjacent steps on the way from `low` to `high`, between which the difference
+        of both sides reaches `least`.
+        """
         here = low.copy()
         for place in decision.places():
             left, right = here.at(place), high.at(place)

@@ -16,7 +16,8 @@ class CannotFitError(Exception):
 
 
 class IntegerBuilder:
-    """Builds a list of nodes; equal nodes are shared.
+    """Builds a list of nodes, which are identified by their index; equal nodes are shared. Raises
+    CannotFitError for a node that could overflow.
 
     `errors` bounds the error of each node against the real value, if the words and memories that it
     reads are exact (decision 0193). A shared node has the largest of its bounds.
@@ -62,7 +63,9 @@ class IntegerBuilder:
         fraction: int,
         bounds: tuple[int, int],
     ) -> int:
-        """constant + Σ coefficient · node, with bounds that the caller has proved."""
+        """constant + Σ coefficient · node for `terms` of (coefficient, node), with integer bounds
+        that the caller has proved. `constant` and the result have the scale `fraction`.
+        """
         coefficients = tuple(coefficient for coefficient, _ in terms)
         args = tuple(node for _, node in terms)
         # a copy: no operation, and what is known of the node stays known
@@ -71,7 +74,9 @@ class IntegerBuilder:
         return self._emit(integer.WeightedSum(constant, coefficients), args, fraction, *bounds)
 
     def product(self, left: int, right: int, most: float = math.inf) -> int:
-        """a · b; both must be words. `most` is a smaller error bound that the caller has proved."""
+        """left · right; both must be words. `most` is an error bound that the caller has proved;
+        the smaller one counts.
+        """
         a, b = self[left], self[right]
         corners = [x * y for x in (a.low, a.high) for y in (b.low, b.high)]
         # a square is never negative, which the corners of two intervals do not show
@@ -84,7 +89,9 @@ class IntegerBuilder:
         return self.allow(node, min(sides, most))
 
     def to_fraction(self, node: int, fraction: int) -> int:
-        """The value at another scale: rounded at a coarser scale, exact at a finer one."""
+        """The node's value at another scale: rounded with fewer fraction digits, exact
+        with more.
+        """
         found, error = self[node], self.errors[node]
         bits = found.fraction - fraction
         if bits == 0:
@@ -110,7 +117,7 @@ class IntegerBuilder:
         return self.allow(rounded, error + math.ldexp(0.5, -fraction))
 
     def as_word(self, node: int) -> int:
-        """The value rounded to as many bits as a word has."""
+        """The node's value at the finest scale, not finer than its own, at which it fits a word."""
         found = self[node]
         fraction = found.fraction
         limit = self.width.largest_word
@@ -144,7 +151,8 @@ class IntegerBuilder:
         return self.allow(self._emit(integer.Larger(), (left, right), a.fraction, *bounds), error)
 
     def _decided(self, taken: int, other: int, apart: int) -> int:
-        """The minimum or maximum of two nodes that bounds decide, at least `apart` units apart.
+        """The minimum or maximum `taken` of two nodes that bounds decide; they are at least `apart`
+        units apart.
 
         The exact value of the other node may pass the result by its own error minus that distance.
         """
@@ -158,7 +166,7 @@ class IntegerBuilder:
         return self.smaller(node, self.literal(high, fraction))
 
     def magnitude(self, node: int) -> int:
-        """max(a, −a)."""
+        """The absolute value of a node, as max(a, −a)."""
         found = self[node]
         negative = self.weighted_sum(0, [(-1, node)], found.fraction, (-found.high, -found.low))
         low = max(found.low, -found.high, 0)
@@ -175,7 +183,8 @@ class IntegerBuilder:
         otherwise: int,
         apart: float = math.inf,
     ) -> int:
-        """`then` if left relation right, else `otherwise`.
+        """`then` if left relation right, else `otherwise`; all are nodes, the last two of the same
+        scale.
 
         `apart` bounds the difference of the two choices where the exact values of left and right
         compare differently than the nodes.

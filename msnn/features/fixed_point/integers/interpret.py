@@ -30,7 +30,9 @@ NOTHING = FixedStatus(0)
 
 @dataclass(slots=True, kw_only=True)
 class IntegerState:
-    """The state of one instance."""
+    """The state of one instance of a program: words of its memories, and the last valid words
+    (`held`) of inputs with the policy `hold`.
+    """
 
     memories: dict[str, list[int]]
     held: dict[str, list[int]]
@@ -44,7 +46,9 @@ class IntegerState:
 
 @dataclass(frozen=True, slots=True)
 class IntegerStep:
-    """The results of a step."""
+    """The results of a step: words of the outputs by name, the status, and the values
+    of all nodes.
+    """
 
     outputs: dict[str, list[int]]
     status: FixedStatus
@@ -72,7 +76,9 @@ def initial(program: integer.IntegerProgram) -> IntegerState:
 
 
 def reset(program: integer.IntegerProgram, windows: Words) -> IntegerState:
-    """The state computed from the samples around the first step."""
+    """The state that `reset` computes from `windows`, the words around the first step. Words and
+    states outside their ranges are limited, and `said` reports it.
+    """
     checked = {
         port.name: [_within(word, port.low, port.high) for word in windows[port.name]]
         for port in program.windows
@@ -88,7 +94,7 @@ def reset(program: integer.IntegerProgram, windows: Words) -> IntegerState:
 
 
 def step(program: integer.IntegerProgram, state: IntegerState, inputs: Words) -> IntegerStep:
-    """Computes one step and updates the state."""
+    """Computes one step from the words of the inputs, and updates `state` in place."""
     status = FixedStatus(0)
     words: dict[str, list[int]] = {}
     for entry in program.inputs:
@@ -132,7 +138,9 @@ def step(program: integer.IntegerProgram, state: IntegerState, inputs: Words) ->
 def checked_input(
     entry: integer.CheckedInput, words: Sequence[int], held: Sequence[int]
 ) -> tuple[list[int], FixedStatus]:
-    """The words that the step uses, always within the range, and their status."""
+    """The words that the step uses, always within the range, and the status bits of the check.
+    `words` are the given ones, `held` the last valid ones.
+    """
     low, high = entry.port.low, entry.port.high
     clamped = [_within(word, low, high) for word in words]
     if clamped == list(words):
@@ -152,7 +160,9 @@ def checked_input(
 def evaluated(
     nodes: Sequence[integer.IntegerNode], words: Words, memories: Mapping[str, Sequence[int]]
 ) -> list[int]:
-    """The value of every node; asserts that each is within its proved bounds."""
+    """The value of every node from the words of ports and memories; asserts that each is within its
+    proved bounds.
+    """
     values: list[int] = []
     for node in nodes:
         value = _value(node, [values[arg] for arg in node.args], words, memories)

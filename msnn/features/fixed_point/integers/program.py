@@ -68,36 +68,38 @@ class WeightedSum:
 
 @dataclass(frozen=True, slots=True)
 class Product:
-    """a · b."""
+    """a · b, of two operands that are words."""
 
 
 @dataclass(frozen=True, slots=True)
 class RoundShift:
-    """⌊a / 2^bits + 1/2⌋."""
+    """⌊a / 2^bits + 1/2⌋: rounds to the nearest integer, halves upwards."""
 
     bits: int
 
 
 @dataclass(frozen=True, slots=True)
 class Smaller:
-    """min(a, b)."""
+    """min(a, b), of operands with the same scale."""
 
 
 @dataclass(frozen=True, slots=True)
 class Larger:
-    """max(a, b)."""
+    """max(a, b), of operands with the same scale."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choose:
-    """c if a relation b holds, else d."""
+    """c if `a relation b` holds, else d; the operands are a, b, c, d."""
 
     relation: Relation
 
 
 @dataclass(frozen=True, slots=True)
 class IntegerLookup:
-    """Linear interpolation in a table whose cells are 2^bits wide and start at `first`."""
+    """Linear interpolation in a table of a function: `values` are those at the ends of cells, which
+    are 2^bits wide and start at `first`.
+    """
 
     first: int
     bits: int
@@ -121,7 +123,9 @@ IntegerOp = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntegerNode:
-    """An operation on earlier nodes; its value is always in low … high."""
+    """An operation on earlier nodes. Its integer is always in low … high and means integer ·
+    2^−fraction.
+    """
 
     op: IntegerOp
     args: tuple[int, ...]
@@ -133,7 +137,9 @@ class IntegerNode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WordPort:
-    """Input or output words, in C order of the axes."""
+    """The words of an input, an output or a window, in C order of the axes. A word is in low … high
+    and means word · 2^−fraction, in `unit`.
+    """
 
     name: str
     axes: tuple[Axis, ...]
@@ -192,7 +198,9 @@ class CheckedInput:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedWords:
-    """A range of an equation that its values may leave: nodes, their lower and upper limits."""
+    """The check of an equation's range: the nodes that may leave it, and their lower and upper
+    limits, one per node.
+    """
 
     name: str
     nodes: tuple[int, ...]
@@ -280,7 +288,9 @@ def without_unused(program: IntegerProgram) -> IntegerProgram:
 def reached(
     nodes: tuple[IntegerNode, ...], roots: Iterable[int]
 ) -> tuple[tuple[IntegerNode, ...], dict[int, int]]:
-    """The nodes on which the given ones depend, including these, and the new index of each node."""
+    """The nodes on which the `roots` depend, including these, and the new index of each of them by
+    its old one.
+    """
     wanted = set(roots)
     # operands stand before their users: one pass from the end finds all that is needed
     for index in range(len(nodes) - 1, -1, -1):

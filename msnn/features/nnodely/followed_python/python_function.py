@@ -49,10 +49,12 @@ _LOWERED = {"true": True, "false": False, "null": None}
 
 
 def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1) -> Tensor:
-    """Interprets a function with tensors of terms as arguments; returns the result as a tensor.
+    """Interprets a function of a saved model with tensors of terms as arguments, without running
+    it; returns the result as a tensor of terms.
 
-    The limit of statements grows with `rows`, the number of rows at once. Raises FunctionError, and
-    NeedsElementsError if complete values do not suffice.
+    The limit of statements grows with `rows`, the number of rows evaluated together. Raises
+    FunctionError for unsupported parts, and NeedsElementsError if an operation needs the elements
+    of a `Whole`.
     """
     names = argument_names(function)
     if len(names) != len(arguments):
@@ -80,7 +82,9 @@ class _Run:
         self._steps = 0
 
     def block(self, statements: Sequence[ast.stmt]) -> tuple[Any] | None:
-        """Interprets statements; returns the value of a `return`, if there is one."""
+        """Interprets statements; returns the value of a `return` in a tuple of one, or None if
+        there was none.
+        """
         for statement in statements:
             self._line = statement.lineno
             self._count()
@@ -309,8 +313,10 @@ class _Run:
 def refuse_mixed_rows(
     function: ast.FunctionDef, shapes: Sequence[tuple[int, int]], own: Sequence[Elements]
 ) -> None:
-    """Raises an error for a function whose result in one row depends on other rows of its
-    arguments.
+    """Raises FunctionError for a function whose result in one row of the batch depends on other
+    rows of its arguments.
+
+    `shapes` are (samples, elements) of its streams; `own` are its parameter arrays.
     """
     alone, among = (_followed(function, rows, shapes, own) for rows in (1, ROWS))
     # no batch at all: what follows the function refuses it with its shape
@@ -336,7 +342,9 @@ def _followed(
 
 
 def _symbols(rows: int, argument: int, shape: tuple[int, int]) -> Elements:
-    """An argument of the function whose elements are distinct names; the middle row is row 0."""
+    """An argument of shape (rows, *shape) whose elements are terms with distinct names. Rows are
+    numbered so that the middle one is row 0, to compare results for different numbers of rows.
+    """
     out = np.empty((rows, *shape), dtype=object)
     for row, sample, i in np.ndindex(*out.shape):
         out[row, sample, i] = Term(Named(f"x{argument} {row - rows // 2} {sample} {i}"))
@@ -361,7 +369,9 @@ class FunctionError(Exception):
 
 
 def parse_function(code: str, name: str) -> ast.FunctionDef:
-    """The function in a source text. Raises FunctionError for any other text."""
+    """The syntax tree of the function `name` in a source text. Raises FunctionError for a text that
+    is not exactly this function with plain arguments.
+    """
     if len(code) > _LONGEST:
         raise FunctionError(1, f"it has more than {_LONGEST:,} characters")
     try:
@@ -394,7 +404,9 @@ def argument_names(function: ast.FunctionDef) -> list[str]:
 
 
 def with_arguments_last(function: ast.FunctionDef, last: Sequence[bool]) -> ast.FunctionDef:
-    """The function with some of its first arguments moved behind the others of these (`last`)."""
+    """The function with some of its first arguments moved back: `last[i]` is True if argument i
+    goes behind those for which it is False. Raises FunctionError if it has too few arguments.
+    """
     args = [*function.args.posonlyargs, *function.args.args]
     if len(args) < len(last):
         wanted = f"it takes {len(args)} arguments and gets {len(last)}"

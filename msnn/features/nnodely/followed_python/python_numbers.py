@@ -51,7 +51,9 @@ def is_number(value: Any) -> bool:
 
 
 def folded(op: ast.operator, left: Any, right: Any) -> float:
-    """The result of an arithmetic operator on known numbers."""
+    """The result of an arithmetic operator on two known numbers. Raises NotTranslatedError for
+    other operators, complex results and integers beyond LARGEST, and ZeroDivisionError.
+    """
     match op:
         case ast.Add():
             found = left + right
@@ -76,19 +78,21 @@ def folded(op: ast.operator, left: Any, right: Any) -> float:
 
 
 def has_length(value: Any, count: int) -> bool:
-    """True if a value is a list of that length."""
+    """True if a value is a list of `count` items."""
     return isinstance(value, list) and len(cast("list[Any]", value)) == count
 
 
 def lengthened(left: list[Any], right: list[Any]) -> list[Any]:
-    """Concatenates two lists."""
+    """Concatenates two lists. Raises NotTranslatedError beyond LONGEST items."""
     if len(left) + len(right) > LONGEST:
         raise NotTranslatedError("a list is too long")
     return [*left, *right]
 
 
 def compared(op: ast.cmpop, left: Any, right: Any) -> bool:
-    """The result of a comparison operator on known values."""
+    """The result of a comparison operator on two known values. Raises NotTranslatedError for other
+    operators, such as `in`.
+    """
     match op:
         case ast.Eq():
             return bool(left == right)
@@ -107,7 +111,9 @@ def compared(op: ast.cmpop, left: Any, right: Any) -> bool:
 
 
 def shares(value: Any, held: Any) -> bool:
-    """True if an in-place change would affect other references."""
+    """True if an in-place change of `value` would also change `held`, a value or a list
+    of values.
+    """
     # a tensor in a list is reached by whoever has the list
     if isinstance(held, list):
         return held is value or any(shares(value, one) for one in cast("list[Any]", held))
@@ -117,7 +123,9 @@ def shares(value: Any, held: Any) -> bool:
 
 
 def called(name: str, arguments: Sequence[Any]) -> Any:
-    """The result of a builtin function of Python, such as `len` or `range`, on known values."""
+    """The result of a builtin function of Python, such as `len` or `range`, on known values. `abs`,
+    `len` and `sum` also take tensors. Raises NotTranslatedError for other calls and long ranges.
+    """
     first = arguments[0] if arguments else None
     all_numbers = bool(arguments) and all(is_number(one) for one in arguments)
     if name == "range" and all_numbers and not any(isinstance(a, float) for a in arguments):

@@ -30,7 +30,9 @@ from msnn.features.nnodely.terms import (
 
 
 class NeedsElementsError(Exception):
-    """An operation that is only supported on the elements of its operands."""
+    """An operation on a `Whole` that is only supported on separate elements; the caller tries again
+    with these.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,12 @@ _MATH = {
 
 
 def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
-    """Applies `make` to elements of the operands, or to complete values if one is complete."""
+    """Applies `make` to the elements of the operands. If one is a `Whole`, applies it to complete
+    terms instead; other operands are then single numbers.
+
+    Raises NeedsElementsError if another operand has several elements, and NotTranslatedError for
+    shapes that do not broadcast.
+    """
     # an array of terms, as the elements of a stream or numbers
     if not any(isinstance(operand, Whole) for operand in operands):
         return arrays.elementwise(make, *operands)
@@ -99,8 +106,8 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
 
 
 def condition(value: Term) -> Term:
-    """A term as the condition of `where`: its comparison, else true above 0.5, because truths are 1
-    or 0.
+    """A term as the condition of `where`: the comparison from which it was made, else term > 0.5,
+    because true is 1 and false 0 in terms.
     """
     match value.head:
         case Call("where") if len(value.args) == 3 and _is_flag(value):
@@ -141,7 +148,7 @@ def _flag(name: str, left: Term, right: Term) -> Term:
 
 
 def added(left: Term, right: Term) -> Term:
-    """A sum; for booleans, true if any is true."""
+    """A sum of two terms; for two booleans, true if any is true, as in torch."""
     return larger(left, right) if _is_truth(left) and _is_truth(right) else plus(left, right)
 
 
@@ -164,7 +171,10 @@ def _refuse_other_types(name: str, kinds: Sequence[Any]) -> None:
 
 
 def _converted(name: str, value: Any, kinds: Sequence[Any]) -> Any:
-    """A floating-point tensor; integers would lose the fractional part."""
+    """The tensor as floating-point numbers; booleans become 1 and 0. `name` is the method, `kinds`
+    are its arguments. Raises NotTranslatedError for other types, as integers would lose the
+    fractional part.
+    """
     _refuse_other_types(name, kinds)
     # `.to("cpu")` changes nothing, `.to(torch.float32)` makes truths numbers
     if name in {"float", "double"} or any(hasattr(kind, "path") for kind in kinds):
@@ -180,8 +190,9 @@ def _where(chosen: Term, then: Term, otherwise: Term) -> Term:
 def torch_function(
     owner: str, name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]
 ) -> Any:
-    """The result of a call of a function of torch or math; raises NotTranslatedError if it is
-    unknown.
+    """The result of a call of the function `name` of the module `owner`, torch or math. Raises
+    NotTranslatedError if it is not supported, NeedsElementsError if it needs the elements of a
+    `Whole`.
     """
     if owner == "math":
         numbers = [a for a in arguments if isinstance(a, bool | int | float)]
@@ -205,7 +216,10 @@ def torch_function(
 
 
 def method(name: str, arguments: list[Any], keywords: Mapping[str, Any]) -> Any:
-    """A method of a tensor, equivalent to `torch.name(x)`."""
+    """The result of a method of a tensor, `arguments[0]`, or of the equivalent `torch.name(x)`.
+    Raises NotTranslatedError if it is not supported, NeedsElementsError if it needs the elements of
+    a `Whole`.
+    """
     # a new value: what is changed in place is then nobody else's
     if name == "clone":
         return elementwise(same, arguments[0])
@@ -250,7 +264,7 @@ def _size(name: str, shape: list[int], dim: int | None = None) -> int | list[int
 
 
 def is_tensor(value: Any) -> bool:
-    """True if a value is a tensor, complete or by elements."""
+    """True if a value is a tensor: a `Whole`, or an array with a term per element."""
     return isinstance(value, np.ndarray | Whole)
 
 

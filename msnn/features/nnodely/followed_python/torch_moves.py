@@ -171,7 +171,10 @@ def _split(array: Elements, sizes: Any, dim: int = 0) -> list[Elements]:
 
 
 def _einsum(equation: str, *operands: Elements) -> Elements:
-    """An einsum: Σ over the letters missing in the result, of products of elements."""
+    """An einsum such as `bij,bj->bi`: products of elements, summed over the letters that are
+    missing in the result. Raises NotTranslatedError without `->`, and for repeated letters in one
+    operand.
+    """
     given, arrow, result = equation.replace(" ", "").partition("->")
     # implicit results, repeated letters and `...` are forms of their own, refused
     letters = given.split(",")

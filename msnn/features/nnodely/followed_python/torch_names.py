@@ -26,7 +26,7 @@ def _infix(sign: str) -> Callable[..., Term]:
 
 
 def negative(term: Term) -> Term:
-    """−x."""
+    """The term −x."""
     return joined(Minus(), term)
 
 
@@ -164,12 +164,14 @@ LOWERED = {"true": True, "false": False, "null": None}
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """A name with members: `torch`, `torch.nn.functional`."""
+    """A module or a member of one, by its path: `torch`, `torch.nn.functional`, `torch.abs`."""
 
     path: str
 
     def member(self, name: str) -> Module | float:
-        """A number of torch, or what is called by this name."""
+        """The number of torch or math with this name, such as `pi`, else the path of the member;
+        whether it is supported is checked at its call.
+        """
         # any other member is a path, judged where it is called: nothing is looked up in a real
         # module
         is_number = self.path in MODULES and name in NUMBERS
@@ -177,7 +179,9 @@ class Module:
 
 
 def imported(statement: ast.Import | ast.ImportFrom) -> dict[str, Module | float]:
-    """The names bound by an import statement. Raises NotTranslatedError for unsupported modules."""
+    """The names that an import statement binds, each with its module or number. Raises
+    NotTranslatedError for modules other than torch and math, and for `*`.
+    """
     if isinstance(statement, ast.ImportFrom):
         module = _known("." * statement.level + (statement.module or ""))
         for one in statement.names:

@@ -39,7 +39,9 @@ from spec_schema.units.unit import Unit
 def lower_robot_call(
     context: Context, part: LinkedPart[Robot], call: Call, environment: Environment
 ) -> NodeId:
-    """The node of a call `NAME.member(…)` or `NAME.frame.member(…)` of a robot."""
+    """The node of a call `NAME.member(…)` or `NAME.frame.member(…)` of a robot, whose `part` has
+    its full names in the spec. Raises LoweringFailed after reporting an error.
+    """
     assert isinstance(call.function, Member)
     return _RobotCall(
         context=context, part=part, robot=part.model, call=call, environment=environment
@@ -48,7 +50,9 @@ def lower_robot_call(
 
 @dataclass(frozen=True, kw_only=True)
 class _RobotCall:
-    """A call of a robot's function, and its context."""
+    """The lowering of one call of a robot's function. Errors are reported to the context, then
+    LoweringFailed is raised.
+    """
 
     context: Context
     part: LinkedPart[Robot]
@@ -85,7 +89,9 @@ class _RobotCall:
     def _arguments(
         self, member: RobotMember | FrameMember
     ) -> tuple[list[list[Number]], list[NodeId]]:
-        """The elements of each argument, in the order of bodies, and the nodes of the arguments."""
+        """The elements of each argument of `member`, in the order of bodies, and the nodes of the
+        arguments.
+        """
         given = self._given(member.arguments)
         nodes = lower_all(self.context, given, self.environment)
         found: list[list[Number]] = []
@@ -96,7 +102,9 @@ class _RobotCall:
         return found, nodes
 
     def _given(self, wanted: Sequence[Quantity]) -> list[Expression]:
-        """The expression of each argument, whether passed by position or by name."""
+        """The expression of each argument in the order of `wanted`, whether passed by position or
+        by name. Reports wrong names and numbers of arguments.
+        """
         call, shown = self.call, _shown(self.call.function)
         given: dict[str, Expression] = dict(zip(wanted, call.arguments, strict=False))
         for keyword in call.keywords:
@@ -116,7 +124,9 @@ class _RobotCall:
         return [given[name] for name in wanted]
 
     def _own_axes(self, member: RobotMember | FrameMember) -> tuple[Axis, ...]:
-        """The axes that a result has independently of the arguments."""
+        """The axes that a result has independently of the arguments: joints, pairs of joints or x,
+        y, z.
+        """
         if isinstance(member, FrameMember):
             return (self._axis("xyz"),)
         if member.along == "pairs of joints":
@@ -130,7 +140,8 @@ class _RobotCall:
         expression: Expression,
         node: NodeId,
     ) -> None:
-        """Reports an argument without the axis of the joints, or with an axis of the result.
+        """Reports the argument `quantity` if it lacks the axis of the joints, or has an axis of the
+        result.
 
         A scalar argument holds for all joints.
         """
@@ -146,7 +157,9 @@ class _RobotCall:
             raise LoweringFailed
 
     def _elements(self, node: NodeId) -> list[Number]:
-        """The element for each joint, in the order of q; a scalar is used for all joints."""
+        """The element of an argument for each joint, in the order of q; a scalar is used for all
+        joints.
+        """
         builder, joint = self._builder, self._joint
         axes = builder.type(node).axes
         op = builder.node(node).op
@@ -159,7 +172,9 @@ class _RobotCall:
         return [self._scalar(builder.element(node, joint.name, i)) for i in range(joint.size)]
 
     def _agree_on_unit(self, quantity: Quantity, node: NodeId) -> None:
-        """Reports an argument with another unit; a literal 0 fits every unit."""
+        """Adds a unit conflict to the builder for an argument with another unit than `quantity`; a
+        literal 0 fits every unit.
+        """
         unit, builder = self._unit(quantity), self._builder
         found = builder.type(node).unit
         op = builder.node(node).op
@@ -169,7 +184,9 @@ class _RobotCall:
             builder.conflicts.append(conflict)
 
     def _parameter(self, base: str, row: int) -> list[Number]:
-        """The elements of a body's row in a parameter of the robot."""
+        """The elements of the parameter `base` (`mass`, `com`, `size` or `shear`) of the body in
+        this row: one for the mass, else three.
+        """
         name = Name(self.part.names[base], self.call.span)
         node = self.context.names.value(name, self.environment)
         node = self._builder.element(node, self._axis("body").name, row)
@@ -180,7 +197,9 @@ class _RobotCall:
         return [self._scalar(one) for one in each]
 
     def _refuse_singular(self) -> None:
-        """Reports a robot with a singular mass matrix."""
+        """Reports a robot whose mass matrix is singular with the masses of its file, and raises
+        LoweringFailed.
+        """
         # with the masses that the file has: those that are learned are known only where the model
         # runs
         known = with_masses(replace(self.robot, learned=frozenset()), self._parameter)
@@ -198,7 +217,9 @@ class _RobotCall:
         arguments: Sequence[Sequence[Number]],
         nodes: Sequence[NodeId],
     ) -> None:
-        """Registers a solver for integrators that adds values to the mass matrix's diagonal."""
+        """Registers, for implicit integrators, a second way to compute `result`, the node of
+        forward dynamics: with a node added to the diagonal of the mass matrix.
+        """
         unit = self._unit("ddq")
 
         def with_diagonal(diagonal: NodeId) -> NodeId:
@@ -231,7 +252,8 @@ class _RobotCall:
         unit: Unit | None,
         arguments: Sequence[NodeId],
     ) -> NodeId:
-        """Combines the elements to one node with these axes and the further axes of the arguments.
+        """Combines the elements to one node with these axes, this unit, and the further axes of the
+        arguments, such as a window.
 
         The further axes are added even if no element depends on an argument.
         """
@@ -258,7 +280,9 @@ class _RobotCall:
         return self._builder.constant(number, unit=None)
 
     def _scalar(self, node: NodeId) -> SignedNode:
-        """The node without its unit, since q contains angles and lengths."""
+        """A scalar node without its unit, for sums of angles and lengths, which q may
+        contain both.
+        """
         builder = self._builder
         type = builder.type(node)
         if type.unit is not None:

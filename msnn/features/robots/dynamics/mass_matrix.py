@@ -11,10 +11,11 @@ Entries = list[list[Number]]
 
 
 def mass_matrix(bodies: RigidBodies, q: Numbers) -> Entries:
-    """M(q) without armature, by the composite rigid body algorithm.
+    """The lower triangle of M(q) without armature, by the composite rigid body algorithm.
 
-    Column i is the force that gives all bodies behind joint i the acceleration 1 along that joint,
-    propagated to the base (Walker, Orin 1982; Featherstone 2008, section 6.2).
+    Element (i, j) of row i is the force at joint j while joint i alone accelerates by 1: the force
+    that moves all bodies behind joint i, propagated to the base (Walker, Orin 1982; Featherstone
+    2008, section 6.2).
     """
     poses = bodies.poses(q)
     tree = bodies.robot.bodies
@@ -41,7 +42,9 @@ def mass_matrix(bodies: RigidBodies, q: Numbers) -> Entries:
 
 
 def _of_unit_acceleration(mass: MassDistribution, *, slides: bool) -> tuple[Triple, Triple]:
-    """Force and moment that accelerate a body by 1 along or about its z axis."""
+    """Force and moment that accelerate a mass distribution by 1 along its z axis, if it `slides`,
+    or about it.
+    """
     # along z a mass at r pulls with (0, 0, 1) and turns with r × that; about z it is accelerated by
     # (−y, x, 0)
     hx, hy, _ = mass.first
@@ -52,7 +55,9 @@ def _of_unit_acceleration(mass: MassDistribution, *, slides: bool) -> tuple[Trip
 
 
 def solved(bodies: RigidBodies, matrix: Entries, right: list[Number]) -> list[Number]:
-    """The solution x of M x = b."""
+    """The solution x of M x = b; `matrix` is the lower triangle of M, `right` is b, both in the
+    order of the bodies.
+    """
     parents = [body.parent for body in bodies.robot.bodies]
     factors, pivots_of = _factorised(parents, matrix)
     # one quotient for each joint; all that is left are products, which a processor pipelines
@@ -70,12 +75,15 @@ def solved(bodies: RigidBodies, matrix: Entries, right: list[Number]) -> list[Nu
 
 
 def pivots(bodies: RigidBodies, matrix: Entries) -> list[Number]:
-    """D of M = Lᵀ D L: the inertia at each joint if the joints behind it are free."""
+    """The diagonal of D in M = Lᵀ D L: the inertia at each joint if the joints behind
+    it are free.
+    """
     return _factorised([body.parent for body in bodies.robot.bodies], matrix)[1]
 
 
 def _factorised(parents: list[int], matrix: Entries) -> tuple[Entries, list[Number]]:
-    """L and D of M = Lᵀ D L, from the leaves to the base, which preserves structural zeros.
+    """L and the diagonal of D in M = Lᵀ D L, computed from the leaves to the base, which preserves
+    structural zeros. `parents` are the indices of the bodies' parents.
 
     See Featherstone 2008, section 6.5. M is positive definite, so rows are not exchanged.
     """
@@ -97,7 +105,7 @@ def _factorised(parents: list[int], matrix: Entries) -> tuple[Entries, list[Numb
 
 
 def _ancestors(parents: list[int], body: int) -> list[int]:
-    """The parent of a body, its parent and so on."""
+    """The parent of a body, its parent and so on up to the base."""
     found: list[int] = []
     while parents[body] != WORLD:
         body = parents[body]

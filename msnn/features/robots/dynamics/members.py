@@ -31,9 +31,9 @@ UNITS: Mapping[Quantity, tuple[str, str]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotMember:
-    """A function of a robot.
+    """A function of a robot: the quantities of its arguments and its result, and the algorithm.
 
-    `compute` returns one element per body, per pair of bodies or per direction.
+    `compute` returns one element per body, or per pair of bodies, in the order of the bodies.
     """
 
     arguments: tuple[Quantity, ...]
@@ -54,9 +54,10 @@ class FrameMember:
 def forward_dynamics(
     bodies: RigidBodies, arguments: Arguments, diagonal: Sequence[Number] = ()
 ) -> list[Number]:
-    """ddq of M(q) ddq + C(q, dq) dq + g(q) = τ; M includes the armature on its diagonal.
+    """The joint accelerations ddq of M(q) ddq + C(q, dq) dq + g(q) = τ; `arguments` are q, dq and
+    τ, and M includes the armature on its diagonal.
 
-    `diagonal` is also added to the diagonal.
+    `diagonal`, one element per body, is also added to the diagonal of M.
     """
     q, dq, tau = arguments
     matrix = _with_armature(bodies, mass_matrix(bodies, q))
@@ -77,9 +78,10 @@ _SMALLEST_PIVOT = 1e-12
 
 
 def undetermined_joint(bodies: RigidBodies) -> int | None:
-    """A joint without inertia in some pose, which makes M singular; None if there is none.
+    """The index of a body whose joint has no inertia in some pose, which makes M singular; None if
+    there is none.
 
-    The test uses a generic pose and the given masses.
+    The test uses a generic pose, so masses must be numbers.
     """
     # at 0 or π/2 axes can line up that do so nowhere else
     pose = [0.3 + 0.37 * index for index in range(len(bodies.robot.bodies))]
@@ -96,7 +98,9 @@ def undetermined_joint(bodies: RigidBodies) -> int | None:
 
 
 def _inverse_dynamics(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
-    """τ = M(q) ddq + C(q, dq) dq + g(q)."""
+    """The joint torques τ = M(q) ddq + C(q, dq) dq + g(q), M with armature; `arguments` are q, dq
+    and ddq.
+    """
     q, dq, ddq = arguments
     forces = joint_forces(bodies, q, dq, ddq, bodies.robot.gravity)
     # the inertia of a rotor behind a gear: felt by its own joint alone
@@ -105,7 +109,7 @@ def _inverse_dynamics(bodies: RigidBodies, arguments: Arguments) -> list[Number]
 
 
 def _mass_matrix(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
-    """M(q), row by row."""
+    """The elements of M(q) with armature, row by row; `arguments` is q alone."""
     lower = _with_armature(bodies, mass_matrix(bodies, arguments[0]))
     count = len(lower)
     return [lower[max(i, j)][min(i, j)] for i in range(count) for j in range(count)]
@@ -119,7 +123,7 @@ def _gravity_torque(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
 
 
 def _coriolis(bodies: RigidBodies, arguments: Arguments) -> list[Number]:
-    """C(q, dq) dq: centrifugal and Coriolis forces."""
+    """C(q, dq) dq: centrifugal and Coriolis forces; `arguments` are q and dq."""
     q, dq = arguments
     return joint_forces(bodies, q, dq, [0.0] * len(q), NOTHING)
 

@@ -21,12 +21,14 @@ from msnn.features.robots.urdf.robot import WORLD
 def joint_forces(
     bodies: RigidBodies, q: Numbers, dq: Numbers, ddq: Numbers, gravity: Triple
 ) -> list[Number]:
-    """The torque or force of each joint: M(q) ddq + C(q, dq) dq + g(q), without armature.
+    """The torque or force of each joint: M(q) ddq + C(q, dq) dq + g(q), without armature. `gravity`
+    is the acceleration of free fall in the world frame.
 
     Computed in the frames of the bodies (Luh, Walker, Paul 1980; Featherstone: Rigid Body Dynamics
-    Algorithms, 2008, section 5.3). A point at r of a body has the acceleration a + B r with B =
-    [α]× + [ω]× [ω]×. The force is f = m a + B h. The moment is n = ∫ r × (a + B r) dm = h × a +
-    (the axial vector of B Σ − (B Σ)ᵀ).
+    Algorithms, 2008, section 5.3). A body has the angular velocity ω and acceleration α; its origin
+    has the acceleration a. A point at r has the acceleration a + B r with B = [α]× + [ω]× [ω]×. The
+    force is f = m a + B h with h = ∫ r dm. The moment is n = ∫ r × (a + B r) dm = h × a + (the
+    axial vector of B Σ − (B Σ)ᵀ) with Σ = ∫ r rᵀ dm.
     """
     poses = bodies.poses(q)
     tree = bodies.robot.bodies
@@ -76,7 +78,9 @@ def joint_forces(
 
 
 def _turning(spin: Triple, twist: Triple) -> Rows:
-    """B = [α]× + [ω]× [ω]×."""
+    """B = [α]× + [ω]× [ω]× from ω (`spin`) and α (`twist`); B r is the acceleration of a point at r
+    relative to the body's origin.
+    """
     x, y, z = spin
     a, b, c = twist
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
@@ -88,7 +92,9 @@ def _turning(spin: Triple, twist: Triple) -> Rows:
 
 
 def _force(mass: MassDistribution, pull: Triple, B: Rows) -> tuple[Triple, Triple]:
-    """Force and moment about the origin of a body with this acceleration."""
+    """The force on a body, and the moment about its origin, for the acceleration `pull` of its
+    origin and the matrix B of `_turning`.
+    """
     force = plus(scaled(mass.mass, pull), times(B, mass.first))
     first, second, third = mass.second  # of a symmetric matrix: rows are columns
     axial = (

@@ -13,7 +13,8 @@ from compiler.ir.types import Type
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignedNode:
-    """A node without unit, with a sign; sums absorb the sign, so it needs no operation.
+    """The value of a scalar node without unit, or its negative; sums absorb the sign, so it needs
+    no operation.
 
     Sums with 0 and products with 0, 1 and −1 add no operation.
     """
@@ -73,14 +74,14 @@ class SignedNode:
         return SignedNode(self.builder, self.builder.constant(other, unit=None)) / self
 
     def applied(self, function: str) -> Number:
-        """An even or odd scalar function of the value: `cos`, `sin`."""
+        """The scalar function `cos` or `sin` of the value."""
         made = ops.Apply(function)
         result = SignedNode(self.builder, self.builder.emit(made, (self.node,), self._type()))
         # sine is odd and cosine even: the sign of an argument costs no operation
         return -result if self.is_negative and function == "sin" else result
 
     def as_node(self) -> NodeId:
-        """A node with this value."""
+        """A node with this value; a negative sign becomes an operation."""
         if not self.is_negative:
             return self.node
         return self.builder.emit(ops.Negate(), (self.node,), self._type())
@@ -123,7 +124,7 @@ def scaled(factor: Number, a: Triple) -> Triple:
 
 
 def times(A: Rows, b: Triple) -> Triple:
-    """A b."""
+    """The product A b of a matrix and a vector."""
     return dot(A[0], b), dot(A[1], b), dot(A[2], b)
 
 
@@ -137,7 +138,7 @@ def sum_of(A: Rows, B: Rows) -> Rows:
 
 
 def congruent(R: Rows, S: Rows) -> Rows:
-    """R S Rᵀ of a symmetric S; equal elements are computed once."""
+    """The matrix R S Rᵀ for a symmetric S; equal elements are computed once."""
     half = times(S, R[0]), times(S, R[1]), times(S, R[2])
     return symmetric(
         *(dot(R[i], half[j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))

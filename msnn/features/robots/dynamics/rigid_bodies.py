@@ -30,7 +30,8 @@ _NO_MOMENTS: Rows = (NOTHING, NOTHING, NOTHING)
 
 @dataclass(frozen=True, slots=True)
 class MassDistribution:
-    """m, h = ∫ r dm and Σ = ∫ r rᵀ dm about the origin of a frame: the pseudo-inertia.
+    """The moments of a body's mass about the origin of a frame: m, h = ∫ r dm and Σ = ∫ r rᵀ dm
+    (`mass`, `first`, `second`), together its pseudo-inertia.
 
     The distributions of bodies can be added. They are linear in a body's ten inertial parameters
     (Wensing, Kim, Slotine: Linear Matrix Inequalities for Physically Consistent Inertial Parameter
@@ -49,9 +50,9 @@ class MassDistribution:
         )
 
     def in_parent(self, R: Rows, r: Triple) -> MassDistribution:
-        """The same distribution in a parent frame, in which x is R x + r.
+        """The same distribution in a parent frame, in which a point x is R x + r.
 
-        Σ' = R Σ Rᵀ + h' rᵀ + r h'ᵀ + m r rᵀ with h' = R h.
+        Σ' = R Σ Rᵀ + h' rᵀ + r h'ᵀ + m r rᵀ with h' = R h; the new first moment is h' + m r.
         """
         turned = times(R, self.first)
         # half = h' + m r/2: then half rᵀ + r halfᵀ are all three terms of the shift
@@ -63,7 +64,9 @@ class MassDistribution:
 
 
 def about_origin(mass: Number, com: Triple, spread: Rows) -> MassDistribution:
-    """The moments about the origin, from the mass, its centre and Σ about the centre."""
+    """The moments about the origin from the mass, its centre `com`, and Σ about the centre
+    (`spread`).
+    """
     first = scaled(mass, com)
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     second = symmetric(*(spread[i][j] + first[i] * com[j] for i, j in pairs))
@@ -90,7 +93,7 @@ Numbers: TypeAlias = Sequence[Number]
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A point x in the frame of a body is R x + r in the frame of its parent."""
+    """The pose of a body in the frame of its parent: a point x of the body is R x + r there."""
 
     rotation: Rows
     offset: Triple
@@ -104,7 +107,7 @@ class RigidBodies:
     masses: tuple[MassDistribution, ...]
 
     def poses(self, q: Numbers) -> tuple[Pose, ...]:
-        """The pose of each body in its parent's frame at joint positions q."""
+        """The pose of each body in its parent's frame at the joint positions q, one per body."""
         return tuple(_pose(body, at) for body, at in zip(self.robot.bodies, q, strict=True))
 
 
@@ -132,7 +135,9 @@ its row."""
 
 
 def with_masses(robot: Robot, read: Read) -> RigidBodies:
-    """The bodies of a robot with their masses; learned ones are read from parameters."""
+    """The bodies of a robot with their mass distributions. Learned quantities are read by `read`
+    from the parameters.
+    """
     masses = [
         about_origin(body.inertia.mass, body.inertia.com, body.inertia.spread)
         for body in robot.bodies
@@ -144,10 +149,11 @@ def with_masses(robot: Robot, read: Read) -> RigidBodies:
 
 
 def _learned(robot: Robot, index: int, read: Callable[[str], Sequence[Number]]) -> MassDistribution:
-    """The mass distribution of one body in its frame; parameters refer to the link's axes.
+    """The mass distribution of the body `index` in its own frame, with learned quantities from
+    `read`; these refer to the link's axes.
 
-    Parts that are not learned are constant: if the mass is learned, the extent of the body stays
-    the same, so its moments change.
+    Quantities that are not learned are constant. If the mass is learned and the inertia is not, the
+    moments grow with the mass: the extent of the body stays the same.
     """
     body = robot.bodies[index]
     to_body = transposed(body.axes)
@@ -173,7 +179,7 @@ def _triple(numbers: Sequence[Number]) -> Triple:
 
 
 def position(bodies: RigidBodies, place: BodyPoint, q: Numbers) -> list[Number]:
-    """x, y, z of a point of a body, in the world frame."""
+    """The position x, y, z of a point of a body in the world frame, in m."""
     poses = bodies.poses(q)
     point, body = place.offset, place.body
     # from the body to the base: each pose turns into the parent's frame what is known in its own
@@ -184,7 +190,7 @@ def position(bodies: RigidBodies, place: BodyPoint, q: Numbers) -> list[Number]:
 
 
 def velocity(bodies: RigidBodies, place: BodyPoint, q: Numbers, dq: Numbers) -> list[Number]:
-    """J(q) dq: the velocity of a point of a body, along the axes of the world."""
+    """The velocity J(q) dq of a point of a body, along the axes of the world, in m/s."""
     poses = bodies.poses(q)
     tree = bodies.robot.bodies
     line = _line(bodies, place.body)
@@ -206,7 +212,7 @@ def velocity(bodies: RigidBodies, place: BodyPoint, q: Numbers, dq: Numbers) -> 
 
 
 def _line(bodies: RigidBodies, body: int) -> list[int]:
-    """The bodies on the path from the base to a body."""
+    """The indices of the bodies on the path from the base to `body`, which is the last."""
     line: list[int] = []
     while body != WORLD:
         line.append(body)

@@ -41,7 +41,7 @@ _AXES: Mapping[str, tuple[bool, Vector]] = {
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """Bodies, parents first, and the frame of each link."""
+    """The bodies of a robot, parents first, and the frame of each link by name."""
 
     bodies: tuple[Body, ...]
     links: Mapping[str, _Frame]
@@ -49,14 +49,16 @@ class Tree:
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """The frame of a link: its point x is R x + r in the frame of a body."""
+    """The frame of a link: its point x is R x + r in the frame of the body with the
+    index `body`.
+    """
 
     body: int
     R: Matrix = IDENTITY
     r: Vector = ZERO
 
     def joined(self, R: Matrix, r: Vector) -> _Frame:
-        """The frame whose point x is R x + r in this frame."""
+        """The frame, in the same body, of a link whose point x is R x + r in this frame."""
         return _Frame(self.body, product(self.R, R), plus(times(self.R, r), self.r))
 
     def place(self) -> BodyPoint:
@@ -71,10 +73,10 @@ def tree_of(
     floats: bool,
     findings: Findings,
 ) -> Tree | None:
-    """The tree of bodies with the `moving` joints; None after reporting errors.
+    """The tree of bodies that move by the joints named in `moving`; None after reporting errors.
 
-    Joints in `held` have these fixed positions. `floats` inserts the six joints of a floating base
-    before the root.
+    The other joints are held at the positions in `held`, by default 0 (rad or m). `floats` inserts
+    the six joints of a floating base before the root.
     """
     root = _root(urdf, findings)
     if root is None:
@@ -107,7 +109,9 @@ def tree_of(
 
 
 def _held(frame: _Frame, joint: Joint, position: float) -> _Frame:
-    """The frame of a link at a fixed position of its joint, from its frame at position 0."""
+    """The frame of a link whose joint is held at `position` (rad or m), from its frame at position
+    0.
+    """
     if joint.type == "prismatic":
         return frame.joined(IDENTITY, scaled(position, joint.axis))
     A = to_axis(joint.axis)
@@ -124,7 +128,9 @@ class _Growing:
     def moved(
         self, frame: _Frame, link: str, joint: str, axis: Vector, place: Span, *, slides: bool
     ) -> _Frame:
-        """Adds a body whose z axis is the joint's axis; returns the frame of its link."""
+        """Adds a body that moves by a joint along or about `axis` of `frame`; returns the frame of
+        its link at joint position 0. `slides` is True for a prismatic joint.
+        """
         A = to_axis(axis)
         body = Body(
             link=link,
@@ -144,7 +150,7 @@ class _Growing:
         return _Frame(len(self.bodies) - 1, transposed(A))
 
     def add(self, link: str, frame: _Frame, inertia: Inertia) -> None:
-        """Adds a link to the body of its frame."""
+        """Stores the frame of a link, and adds its inertia to the body of that frame."""
         self.frames[link] = frame
         # what is fixed to the world never moves: its mass changes nothing
         if frame.body != WORLD and inertia.mass > 0.0:
@@ -160,7 +166,9 @@ def _in_body(frame: _Frame, inertia: Inertia) -> Inertia:
 
 
 def _together(one: Inertia, other: Inertia) -> Inertia:
-    """The sum of two inertias, by Steiner's theorem; an exact copy if there is only one."""
+    """The inertia of two masses together, by Steiner's theorem; an exact copy of `other` if the
+    first has no mass.
+    """
     if one.mass == 0.0:
         return other
     mass = one.mass + other.mass
@@ -173,7 +181,9 @@ def _together(one: Inertia, other: Inertia) -> Inertia:
 
 
 def _root(urdf: Urdf, findings: Findings) -> str | None:
-    """The only link without a parent; None after reporting that the links are no tree."""
+    """The name of the only link without a parent; None after reporting that the links
+    are no tree.
+    """
     above: dict[str, Joint] = {}
     failed = False
     for joint in urdf.joints.values():
@@ -207,7 +217,9 @@ def _root(urdf: Urdf, findings: Findings) -> str | None:
 
 
 def _loop(urdf: Urdf, above: Mapping[str, Joint]) -> list[str] | None:
-    """A cycle of links, each the parent of the next; None in a tree."""
+    """A cycle of link names, each the parent of the next; None in a tree. `above` is the joint to
+    the parent of each link.
+    """
     settled: set[str] = set()
     for name in urdf.links:
         line: list[str] = []
@@ -222,10 +234,10 @@ def _loop(urdf: Urdf, above: Mapping[str, Joint]) -> list[str] | None:
 
 
 def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> dict[str, float]:
-    """The position of each movable joint that `moving` omits.
+    """The fixed position (rad or m) of each movable joint that is not in `moving`, by name.
 
-    The position of a mimicking joint is multiplier · position + offset of its leader. Reports
-    mimicking joints whose leader moves.
+    It is 0, for a mimicking joint multiplier · position + offset of its leader. Reports mimicking
+    joints whose leader moves.
     """
     found: dict[str, float] = {}
     for joint in urdf.joints.values():
@@ -254,7 +266,9 @@ def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> d
 
 
 def _position(joint: Joint, urdf: Urdf, moving: Collection[str]) -> float | None:
-    """The position of a joint; None if it moves, or if its leader moves or is missing."""
+    """The fixed position of a joint (rad or m); None if it moves, or if its leader moves or is
+    missing.
+    """
     factor, position = 1.0, 0.0
     passed: set[str] = set()
     while joint.moves:

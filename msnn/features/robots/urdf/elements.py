@@ -17,7 +17,9 @@ LARGEST = 1e30
 
 
 def axis_of(element: XmlElement, what: str, findings: Findings) -> Vector | None:
-    """The unit vector of a joint's axis, by default x; None after reporting an error."""
+    """The unit vector of a joint's axis, by default x; None after reporting an error. `what` names
+    the joint in messages.
+    """
     found = only_element(element, "axis", what, findings)
     if found is None:
         return (1.0, 0.0, 0.0)
@@ -36,7 +38,10 @@ def axis_of(element: XmlElement, what: str, findings: Findings) -> Vector | None
 
 
 def origin_of(element: XmlElement, what: str, findings: Findings) -> tuple[Matrix, Vector]:
-    """Rotation and offset of `<origin xyz rpy>`; identity and 0 without this element."""
+    """Rotation R and offset r (in m) of `<origin xyz rpy>`: a point x of the child is R x + r in
+    the frame around it. Identity and 0 without this element, and for values that are reported as
+    errors.
+    """
     found = only_element(element, "origin", what, findings)
     if found is None:
         return IDENTITY, ZERO
@@ -53,7 +58,9 @@ def origin_of(element: XmlElement, what: str, findings: Findings) -> tuple[Matri
 
 
 def only_element(element: XmlElement, tag: str, what: str, findings: Findings) -> XmlElement | None:
-    """The element of a tag that may occur once, or None; repeated elements are reported."""
+    """The child element with a tag that may occur once, or None. If it is repeated, reports that
+    and returns the first.
+    """
     found = list(element.all(tag))
     for again in found[1:]:
         said, repair = f"{what} has two `<{tag}>`: which one counts?", "remove one of them"
@@ -77,7 +84,9 @@ def numbers_of(
     *,
     largest: float = LARGEST,
 ) -> tuple[float, ...] | None:
-    """The `count` values of an attribute, up to `largest`; None after reporting an error."""
+    """The values of the attribute `name`, `count` of them and up to `largest` in magnitude; None
+    after reporting an error.
+    """
     text = element.attributes.get(name)
     if text is None:
         findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))
@@ -105,7 +114,9 @@ _LONGEST_PLACE = 200
 
 @dataclass(frozen=True, slots=True)
 class XmlElement:
-    """A tag with its attributes, child elements, text and the position of its first line."""
+    """An XML element: its tag, attributes, child elements and texts, and the place of its opening
+    tag.
+    """
 
     tag: str
     attributes: Mapping[str, str]
@@ -128,7 +139,9 @@ class _Refused(Exception):  # noqa: N818  (a fact about a text, no fault of ours
 
 
 def read_xml(source: SourceText, findings: Findings) -> XmlElement | None:
-    """The root element of a text; None after reporting an error."""
+    """The root element of an XML text; None after reporting an error. Document types, which could
+    define entities, are refused.
+    """
     text = source.text
     content = text.encode()
     stack: list[XmlElement] = []

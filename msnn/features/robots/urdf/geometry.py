@@ -18,7 +18,7 @@ def vector(x: float, y: float, z: float) -> Vector:
 
 
 def times(A: Matrix, v: Vector) -> Vector:
-    """A v."""
+    """The product A v of a matrix and a vector."""
     x, y, z = (a[0] * v[0] + a[1] * v[1] + a[2] * v[2] for a in A)
     return x, y, z
 
@@ -37,7 +37,7 @@ def transposed(A: Matrix) -> Matrix:
 
 
 def product(A: Matrix, B: Matrix) -> Matrix:
-    """A B."""
+    """The matrix product A B."""
     columns = transposed(B)
     return transposed((times(A, columns[0]), times(A, columns[1]), times(A, columns[2])))
 
@@ -47,7 +47,7 @@ def sum_of(A: Matrix, B: Matrix) -> Matrix:
 
 
 def outer(a: Vector, b: Vector) -> Matrix:
-    """a bᵀ."""
+    """The outer product a bᵀ, a matrix."""
     return scaled(a[0], b), scaled(a[1], b), scaled(a[2], b)
 
 
@@ -60,7 +60,7 @@ def trace(A: Matrix) -> float:
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Matrix:
-    """Rz(yaw) Ry(pitch) Rx(roll), the `rpy` angles of URDF."""
+    """The rotation matrix Rz(yaw) Ry(pitch) Rx(roll) of the `rpy` angles of URDF, in rad."""
     (sr, cr), (sp, cp), (sy, cy) = ((math.sin(a), math.cos(a)) for a in (roll, pitch, yaw))
     return _clean(
         (
@@ -95,7 +95,9 @@ def to_axis(axis: Vector) -> Matrix:
 
 
 def second_moment(inertia: Matrix) -> Matrix:
-    """Σ = ∫ r rᵀ dm of an inertia I = ∫ (rᵀr · 1 − r rᵀ) dm: tr(I)/2 · 1 − I."""
+    """The second moment Σ = ∫ r rᵀ dm of a body with the inertia matrix I = ∫ (rᵀr · 1 − r rᵀ) dm:
+    Σ = tr(I)/2 · 1 − I.
+    """
     return sum_of(multiple(trace(inertia) / 2, IDENTITY), multiple(-1.0, inertia))
 
 
@@ -115,7 +117,7 @@ def cholesky(A: Matrix) -> Matrix | None:
 
 
 def is_positive(A: Matrix) -> bool:
-    """True if no eigenvalue of a symmetric matrix is negative, except for rounding."""
+    """True if no eigenvalue of the symmetric matrix A is negative, except for rounding."""
     # relative to the entries: moments of files are rounded to a few digits
     shift = 1e-9 * sum(abs(number) for row in A for number in row)
     return shift == 0.0 or cholesky(sum_of(A, multiple(shift, IDENTITY))) is not None

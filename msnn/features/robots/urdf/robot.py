@@ -21,7 +21,9 @@ LEARNED = ("mass", "com", "inertia")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inertia:
-    """Mass, its centre c, and Σ = ∫ (r − c)(r − c)ᵀ dm, along the axes of a frame."""
+    """Mass (kg), its centre c (m), and Σ = ∫ (r − c)(r − c)ᵀ dm (`spread`, kg m²), along the axes
+    of a frame.
+    """
 
     mass: float = 0.0
     # Σ and not the moments: any Σ ≥ 0 is that of some body, which is what learning keeps to
@@ -33,9 +35,9 @@ class Inertia:
 class Body:
     """A body that moves with one joint: a link and all links fixed to it.
 
-    `rotation` and `offset` map from its frame at joint position 0 to that of its parent. The joint
-    turns about z of that frame, or slides along it. `axes` maps from it to the link's frame in the
-    URDF.
+    `rotation` and `offset` map points from its frame at joint position 0 to the frame of its
+    parent, whose index is `parent`. The joint turns about z of that frame, or slides along it.
+    `axes` maps from it to the link's frame in the URDF.
     """
 
     link: str
@@ -51,7 +53,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyPoint:
-    """A point fixed to a body, or to the world."""
+    """A point at `offset` in the frame of the body with this index, or of the world."""
 
     body: int
     offset: Vector
@@ -59,7 +61,9 @@ class BodyPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robot:
-    """A tree of bodies, parents first; `positions` are the indices of their joints in q."""
+    """A tree of bodies, parents first; `positions` has for each body the index of its
+    joint in q.
+    """
 
     bodies: tuple[Body, ...]
     positions: tuple[int, ...]

@@ -43,7 +43,9 @@ def robot_part(
     around: SpecAround,
     findings: Findings,
 ) -> PartRead[Robot] | None:
-    """The robot of a URDF in a spec; None after reporting errors."""
+    """The robot of the URDF text `source` for the entry of a spec, and the spec of its parameters;
+    None after reporting errors.
+    """
     mark = findings.mark()
     urdf = read_urdf(source, findings)
     if urdf is None:
@@ -88,7 +90,9 @@ def robot_part(
 def _labels(
     entry: sections.Robot, urdf: Urdf, around: SpecAround, findings: Findings
 ) -> tuple[str, ...]:
-    """The names of the moving joints, in the order of q."""
+    """The names of the moving joints, in the order of q: those of the entry's `joints`, or of a
+    floating base and the file. Reports names that do not fit.
+    """
     base: tuple[str, ...] = ()
     if entry.base is not None and entry.base.value == "floating":
         base = BASE_JOINTS
@@ -140,7 +144,10 @@ def _gravity(entry: sections.Robot, findings: Findings) -> Vector:
 def _armature(
     entry: sections.Robot, slides: Sequence[bool], findings: Findings
 ) -> tuple[float, ...]:
-    """The motor inertia of each joint, 0 for the base; a single value holds for all others."""
+    """The motor inertia of each joint in the order of q, in kg m², or in kg for one that slides. It
+    is 0 for joints of a floating base; a single value holds for all others. Reports wrong numbers
+    and negative ones.
+    """
     if entry.armature is None:
         return (0.0,) * len(slides)
     floats = entry.base is not None and entry.base.value == "floating"
@@ -188,7 +195,9 @@ def _described(
     entry: sections.Robot,
     findings: Findings,
 ) -> Node:
-    """The spec of a robot's dimensions and parameters, located in the URDF."""
+    """The spec of a robot's dimensions and parameters, as a YAML tree whose places are that of the
+    URDF. Reports a robot that learns without a mass.
+    """
     place = urdf.span
     dims: dict[str, object] = {robot.joint: list(labels), "joint2": list(labels)}
     dims["xyz"] = list(_SPACE)
@@ -219,7 +228,9 @@ def _described(
 def _parameters(
     robot: Robot, heavy: Sequence[Body], urdf: Urdf, entry: sections.Robot, findings: Findings
 ) -> dict[str, object]:
-    """The initial parameters: mass, centre and extent of each body along its link's axes."""
+    """The entries of the learned parameters with initial values: mass, centre, and size and shear
+    of the second moment of each body in `heavy`, along its link's axes.
+    """
     masses = [body.inertia.mass for body in heavy]
     # the URDF gives them along the axes of links, bodies have the joint's axis as z
     centres = [list(times(body.axes, body.inertia.com)) for body in heavy]
@@ -252,7 +263,7 @@ def _parameters(
 
 
 def _node(value: object, span: Span) -> Node:
-    """Data as a YAML tree with a single source position."""
+    """Data as a YAML tree in which every node has the place `span`."""
     if isinstance(value, dict):
         table = cast("dict[str, object]", value)
         entries = {key: _node(item, span) for key, item in table.items()}

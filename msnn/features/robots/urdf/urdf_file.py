@@ -40,7 +40,7 @@ _XACRO = "write it out by `xacro FILE.xacro > FILE.urdf`"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """A rigid part and its inertia along its own axes; without mass if the file has none."""
+    """A rigid part and its inertia along its own axes; mass 0 if the file gives none."""
 
     name: str
     inertia: Inertia
@@ -49,7 +49,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mimic:
-    """Couples a joint to another one: its position is multiplier · q + offset of that joint."""
+    """Couples a joint to the one named `joint`, at q: its position is multiplier · q + offset."""
 
     joint: str
     multiplier: float
@@ -59,9 +59,10 @@ class Mimic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """Joins a link to its parent: x of the child is R x + r of the parent at position 0.
+    """Joins a link to its parent: at position 0, a point x of the child is R x + r in the parent's
+    frame.
 
-    It turns about a unit vector along the child's axes, or slides along it.
+    It turns about the unit vector `axis` along the child's axes, or slides along it.
     """
 
     name: str
@@ -89,7 +90,7 @@ class Urdf:
 
 
 def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
-    """The links and joints of a file; None after reporting errors."""
+    """The links and joints of a URDF text; None after reporting errors."""
     root = read_xml(source, findings)
     if root is None:
         return None
@@ -153,7 +154,9 @@ def _xacro_element(root: XmlElement) -> XmlElement | None:
 
 
 def _inertia(link: str, element: XmlElement | None, findings: Findings) -> Inertia:
-    """The inertia of a link along the link's axes."""
+    """The inertia of a link along the link's axes, from its `<inertial>` element; without mass if
+    there is none or after reporting an error.
+    """
     if element is None:
         return Inertia()
     what = f"`<inertial>` of `{link}`"
@@ -254,7 +257,9 @@ def _given(
     *,
     largest: float = LARGEST,
 ) -> dict[str, float]:
-    """The values of these attributes; reports those that are not numbers."""
+    """The values of those of the attributes `names` that the element has; reports those that are
+    not numbers.
+    """
     found: dict[str, float] = {}
     for name in names:
         if name in element.attributes:

@@ -53,7 +53,9 @@ class PlacedMatrix:
         return constants
 
     def has(self, block: MatrixBlock, shape: tuple[int, ...]) -> bool:
-        """Returns True if the array holds any entry of a block whose node has this shape."""
+        """Returns True if the array holds any entry of a block of the matrix; `shape` is that of
+        the block's node.
+        """
         return bool(np.any(self._places(block.places(shape)) >= 0))
 
     def parts(self, block: MatrixBlock, value: Value) -> Iterator[tuple[Value, ArrayView]]:
@@ -139,7 +141,9 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """The layout of all series in one array `z`: those of states first, then those of controls."""
+    """The layout of all time series of a condensed plan in one array `z`: those of states first,
+    then those of controls.
+    """
 
     form: WindowForm
     horizon: int
@@ -177,7 +181,9 @@ class Series:
 
 
 def series_of(problem: ControlProblem, form: WindowForm) -> Series:
-    """Computes the layout of the series of a problem in window form."""
+    """Computes the layout of the series of a problem; `form` is its window form, which tells how
+    far each state and control is read back.
+    """
     count = form.states + problem.controls.size
     past = [0] * count
     for sample in form.memory:

@@ -40,7 +40,9 @@ _ARRAYS = (
 
 
 class FunctionBody:
-    """One C function under construction. It maps the reads of the graph to elements of arrays."""
+    """One C function under construction. It maps the reads of the graph to elements of arrays;
+    `places` are those of states and signals by name.
+    """
 
     def __init__(
         self,
@@ -83,7 +85,7 @@ class FunctionBody:
         return ArrayView(Name(place.array), type.shape, place.strides, Index(place.first))
 
     def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
-        """Raises an error: derivatives read whole windows and have no buffers to shift."""
+        """Raises AssertionError: derivatives read whole windows and have no buffers to shift."""
         raise AssertionError("derivatives have no windows of buffers")
 
     def write(
@@ -140,7 +142,7 @@ class FunctionBody:
     ) -> Function:
         """Returns the static C function `<prefix>_<name>(const real *read…, real *written…)`.
 
-        Its body is the statements written so far.
+        Its body is the statements written so far; `doc` is its comment.
         """
         statements = self.scope.statements
         constants = self._locals.constants(statements)

@@ -104,10 +104,11 @@ class StageWriter:
         self._most_factors = most_factors
 
     def stage(self, name: str, found: StepDerivatives, arrays: StageArrays) -> StageFunctions:
-        """Writes `<prefix>_<name>value` and `<prefix>_<name>slopes` of a stage.
+        """Writes `<prefix>_<name>value` and `<prefix>_<name>slopes` of a stage with the derivatives
+        `found`.
 
-        The first stores the results; the second their Jacobian and the Hessian of
-        Σ weight · result.
+        The first stores the results; the second their Jacobian and the Hessian of Σ weight ·
+        result.
         """
         # costly intermediate values are saved for the derivatives, not computed twice
         cut = cut_at_values(found, arrays.wanted(found.graph))
@@ -137,14 +138,17 @@ class StageWriter:
         )
 
     def steady(self, found: StepDerivatives, arrays: StageArrays, placed: PlacedMatrix) -> Function:
-        """Writes `<prefix>_steady`: it computes Jacobian columns that are equal at all stages."""
+        """Writes `<prefix>_steady`, which computes the Jacobian columns that are equal at all
+        stages; `placed` is the layout of their array.
+        """
         body = FunctionBody(found.graph, self._functions, self._formulas, arrays.places)
         body.write((placed,), {node: node for node in placed.matrix.nodes})
         doc = "Computes the slopes of a stage's results that stay the same along the horizon."
         return body.finished("steady", self._real, ("given",), ("steady",), doc)
 
     def limits(self, graph: Graph, limits: Sequence[PlacedLimit], given: Vector) -> Function:
-        """Writes `<prefix>_limits`, which computes limits from the references of a stage.
+        """Writes `<prefix>_limits`, which computes limits from the references of a stage. `graph`
+        has the nodes of the limits, `given` is the layout of disturbances and references.
 
         The array `limit` has the minimum of row r at index 2 r and its maximum at 2 r + 1.
         """
@@ -202,7 +206,9 @@ class StageWriter:
         places: Mapping[str, Place],
         arrays: StageArrays,
     ) -> Function:
-        """Writes the derivatives function: it stores entries of the Jacobian and of the Hessian."""
+        """Writes the derivatives function, which stores entries of the Jacobian and of the Hessian.
+        It reads saved intermediate values as `cut` defines.
+        """
         body = FunctionBody(cut.slopes, self._functions, self._formulas, places)
         matrices = (arrays.slopes, arrays.curvature)
         body.write(matrices, cut.moved)

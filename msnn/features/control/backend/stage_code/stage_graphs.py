@@ -63,7 +63,9 @@ def cut_at_values(found: StepDerivatives, roots: Sequence[NodeId]) -> CutGraph:
 
 
 def _kept(graph: Graph, roots: Iterable[NodeId], of_values: list[bool]) -> set[NodeId]:
-    """Returns the nodes to save: the first costly value on each path from a root to the leaves."""
+    """Returns the nodes to save: the first costly value on each path from a root to the leaves.
+    `of_values` marks the nodes on which values depend.
+    """
     costly: list[bool] = []
     for _, node in graph:
         # a node is costly, too, if one of its operands is
@@ -218,7 +220,9 @@ def _alike_in_rows(graph: Graph, zeros: Zeros) -> bool:
 
 
 def _copy(builder: GraphBuilder, node: Node, zeros: Zeros) -> NodeId:
-    """Copies a node whose operands are already copied; reads become partly 0, sums shorter."""
+    """Adds a copy of a node whose operands are already copied. Reads of states become partly 0,
+    sums over zeros shorter.
+    """
     match node.op:
         case ops.ReadState(name) if any(zeros.get(name, ())):
             return _read(builder, node, zeros[name])

@@ -34,7 +34,7 @@ from msnn.features.control.problem.structure import Sample, window_form
 
 
 def condensed_form(problem: ControlProblem, rows: Rows) -> Form:
-    """Builds the condensed form of a problem.
+    """Builds the condensed form of a problem; `rows` are its limits.
 
     The plan is stored as time series (`series`); a stage reads states, controls and windows from
     them.

@@ -170,11 +170,15 @@ class Addresses:
         return f"BEGIN[{block}]" if self.has_blocks else block
 
     def of_decided(self, k: str) -> str:
-        """Returns the C expression of the number of control elements decided before stage k."""
+        """Returns the C expression of the number of control elements, over all blocks, decided
+        before stage k.
+        """
         return f"DECIDED_BEFORE[{k}]" if self.has_blocks else f"{k} * CONTROLS"
 
     def of_tightest(self, k: str, side: str) -> str:
-        """Returns the C expression of the stage with the tightest limit in the block of stage k."""
+        """Returns the C expression of the stage with the tightest limit `side` (an index of a
+        minimum or maximum) in the block of stage k.
+        """
         return f"tightest(c, {k}, {side})" if self.has_blocks else k
 
 

@@ -30,10 +30,10 @@ class RatedControl:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One scalar with a minimum, a maximum or both.
+    """One scalar of a stage with a minimum, a maximum or both.
 
     A violation v costs linear · v + quadratic · v² / 2. Limits of controls and rates are never
-    violated; their costs are 0.
+    violated; their costs are 0. `scale` is the typical size of the scalar.
     """
 
     name: str
@@ -80,7 +80,9 @@ The solver multiplies the weights of hard limits until they hold.
 
 
 def rows_of(problem: ControlProblem) -> Rows:
-    """Lists the rows of a problem without parameters."""
+    """Lists the rows of a problem without parameters. Limits that depend on references become
+    placeholders.
+    """
     limits = _Limits(problem)
     rows: list[Row] = []
     rates: list[RatedControl] = []
@@ -117,7 +119,7 @@ def rows_of(problem: ControlProblem) -> Rows:
 
 
 def resting_controls(rows: Rows, count: int) -> list[float]:
-    """Returns the `count` controls of a new controller: 0, or the limit nearest to 0."""
+    """Returns the `count` controls that a new controller assumes: 0, or the limit nearest to 0."""
     # limits that depend on references are placeholders here
     return [0.0 if rows.move else _nearest_to_zero(row) for row in rows.rows[:count]]
 

@@ -17,9 +17,11 @@ from msnn.features.control.run.interior_point.horizon_functions import (
 
 @dataclass(frozen=True, slots=True)
 class Iterate:
-    """An iterate of the method, scaled: a plan, and values of its limits, low ones first.
+    """An iterate of the method, in scaled variables: a plan, and values of its m limits with a
+    minimum and a maximum each, first all minima.
 
-    Slacks, multipliers, excesses and multipliers of excesses are (N+1, 2m).
+    Slacks, multipliers, excesses (violations of soft limits) and multipliers of excesses are (N+1,
+    2m).
     """
 
     states: Array
@@ -47,7 +49,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Direction:
-    """A Newton step."""
+    """A Newton step: the changes of all parts of an iterate, in their shapes."""
 
     states: Array
     controls: Array
@@ -67,7 +69,9 @@ _APART = 1e-8
 
 
 class BarrierLimits:
-    """The limits of the rows h, (N+1, 2m): c = h − low, then c = high − h."""
+    """The limits of the rows h as conditions c(w) ≥ 0, (N+1, 2m): first c = h − low, then c = high
+    − h.
+    """
 
     def __init__(self, functions: HorizonFunctions, limits: RowLimits) -> None:
         whole = np.concatenate([limits.low, limits.high], axis=1)
@@ -87,25 +91,29 @@ class BarrierLimits:
         self.quadratic = np.where(self.soft, quadratic, 0.0)
 
     def distances(self, values: Values, *, judged: bool = False) -> Array:
-        """c of every limit, 0 where there is none; `judged` by the limits as they are given."""
+        """c of every limit, (N+1, 2m), 0 where there is none. With `judged` for the original
+        limits, else for those of which equal ones are moved apart.
+        """
         both = np.concatenate([values.rows, values.rows], axis=1)
         ends = self._judged_ends if judged else self.ends
         return np.where(self.active, self.signs * (both - ends), 0.0)
 
     def by_row(self, multipliers: Array) -> Array:
-        """The factor of each row's gradient: the high limit's multiplier minus the low one's."""
+        """The factor of each row's gradient in the Lagrangian, (N+1, m): multiplier of the maximum
+        minus that of the minimum.
+        """
         size = len(self.signs) // 2
         signed = -self.signs * multipliers
         return signed[:, :size] + signed[:, size:]
 
     def violation(self, values: Values) -> float:
-        """The largest of hard limits, as they are given."""
+        """The largest violation of hard limits, scaled, for the original limits; 0 if they hold."""
         distance = self.distances(values, judged=True)
         hard = np.where(self.active & ~self.soft, -distance, 0.0)
         return float(np.max(hard, initial=0.0))
 
     def rounding(self, values: Values, multipliers: Array) -> float:
-        """The error of products of multipliers and distances, as both are rounded."""
+        """A bound on the rounding error of the products of multipliers and distances."""
         rows = np.concatenate([values.rows, values.rows], axis=1)
         rounded = ROUNDING * (np.abs(rows) + np.abs(self.ends))
         beyond = np.where(self.soft, np.maximum(-self.distances(values, judged=True), 0.0), 0.0)
@@ -115,7 +123,9 @@ class BarrierLimits:
         return float(np.max(np.where(self.active, products, 0.0), initial=0.0))
 
     def central(self, distance: Array, barrier: float) -> Array:
-        """z of soft limits at these distances with t·z = v·ν = μ and c + v = t, by bisection.
+        """The multipliers z of soft limits with these distances c on the central path, by
+        bisection: t·z = v·ν = μ and c + v = t, where t is the slack, v the excess, ν its multiplier
+        and μ the barrier.
 
         c + v − μ/z grows with z: from −∞ at z = 0 to +∞ where ν = 0.
         """
@@ -139,7 +149,9 @@ class BarrierLimits:
 
 
 def _with_inside(limits: RowLimits) -> tuple[Array, Array]:
-    """The limits; hard ones that are equal are moved apart, so that there is an interior."""
+    """The low and high limits; hard ones that are nearly equal are moved apart, so that there is an
+    interior.
+    """
     is_narrow = (limits.high - limits.low < _NARROW) & np.isinf(limits.linear)
     apart = np.where(is_narrow, _APART, 0.0)
     # relative to the limit: 1e-8 is below the rounding of a limit of 1e9
@@ -155,7 +167,9 @@ _ARMIJO = 1e-4
 
 
 class Merit:
-    """The merit function of one problem; it keeps the weight of the residuals of its equations."""
+    """The ℓ₁ merit function of one problem: cost, penalties and barrier, plus a weight times the
+    violation of the equations. The weight is kept from step to step.
+    """
 
     def __init__(self, functions: HorizonFunctions, given: Given, limits: BarrierLimits) -> None:
         self._f, self._given, self._limits = functions, given, limits
@@ -165,7 +179,11 @@ class Merit:
     def searched(
         self, point: Point, step: Direction, hessian: Array, barrier: float
     ) -> tuple[tuple[Iterate, Values] | None, bool]:
-        """The iterate along the step where the merit is low enough, and whether there was one."""
+        """The iterate along the step at which the merit has decreased enough, with its values, and
+        True. Otherwise the last iterate with a finite merit, or None, and False.
+
+        `hessian` is that of the step, `barrier` is μ.
+        """
         now = point.now
         # primal and dual parts each as far as they may: the merit knows no multipliers
         primal = min(_longest(now.slacks, step.slacks), _longest(now.excesses, step.excesses))
@@ -211,7 +229,9 @@ class Merit:
         return smooth + self._weight * self._infeasibility(now, values)
 
     def _slope(self, point: Point, step: Direction, hessian: Array, barrier: float) -> float:
-        """The merit's slope along the step; raises the weight of infeasibility where it must."""
+        """The directional derivative of the merit along the step. Increases the weight of the
+        violation if the merit would not decrease otherwise.
+        """
         now = point.now
         # stage N has no control
         last = np.zeros((1, step.controls.shape[1]))
@@ -234,13 +254,15 @@ class Merit:
 
 
 def held_gaps(functions: HorizonFunctions, now: Iterate) -> Array:
-    """The distances of controls within a block from the one that they are held at, (N, nu)."""
+    """The differences between controls within a block and the control that they must equal, (N,
+    nu), scaled.
+    """
     gaps = functions.held.gaps(now.states, now.controls)
     return np.where(functions.held.stages[:, None], gaps, 0.0)
 
 
 def _longest(values: Array, step: Array) -> float:
-    """The longest part of a step that keeps values above 0."""
+    """The largest fraction of a step, at most 1, that keeps all values above 0."""
     falls = step < 0
     ratios = -_TO_BOUNDARY * values[falls] / step[falls]
     return float(np.min(ratios, initial=1.0))

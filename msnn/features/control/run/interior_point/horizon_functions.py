@@ -43,7 +43,9 @@ from msnn.features.control.run.interior_point.newton_step import HeldControls
 
 
 class HorizonFunctions:
-    """The functions of one problem, compiled once and evaluated for any plan."""
+    """The functions of one problem, compiled once and evaluated for any plan; `given` are the
+    values that are known at t.
+    """
 
     def __init__(self, problem: ControlProblem) -> None:
         self.cost_scale = problem.cost_scale
@@ -110,11 +112,11 @@ class HorizonFunctions:
         return plan.states / self.scale_x, plan.controls / self.scale_u
 
     def plan(self, states: Array, controls: Array) -> Plan:
-        """The plan in the units of the spec, of scaled states and controls."""
+        """The plan in the units of the spec, from scaled states (N+1, nx) and controls (N, nu)."""
         return Plan(states * self.scale_x, controls * self.scale_u)
 
     def rollout(self, given: Given, controls: Array) -> Array:
-        """Simulates scaled controls; gives the scaled states."""
+        """Simulates the plant with scaled controls (N, nu); returns the scaled states (N+1, nx)."""
         state = given.state[None]
         found = [state]
         log = log_of(self.problem, given, controls * self.scale_u)
@@ -129,7 +131,7 @@ class HorizonFunctions:
     # ---- limits
 
     def limits(self, given: Given) -> RowLimits:
-        """The limits at the references given."""
+        """The scaled limits of all rows, for the references in `given`."""
         n, nu = self.horizon, self.controls
         along = limits_along(self.problem, self._limiting, given)
         size = 2 * nu + sum(self._sizes)
@@ -159,7 +161,9 @@ class HorizonFunctions:
         return found
 
     def multipliers(self, scaled: Array) -> Multipliers:
-        """The multipliers of the rows, (N+1, 2m), low ends first, in the units of the spec."""
+        """The multipliers in the units of the spec, from scaled ones of all rows, (N+1, 2m), first
+        those of minima.
+        """
         n, nu, size = self.horizon, self.controls, len(self._row_scale)
         # a multiplier is cost by unit of the limit: scaled limits and costs have scaled ones
         unit = self._row_scale * self.cost_scale
@@ -175,7 +179,9 @@ class HorizonFunctions:
         )
 
     def cost(self, limits: RowLimits, values: Values) -> tuple[float, float]:
-        """J with penalties, in the unit of the spec, and the largest violation, scaled."""
+        """The cost J with penalties, as the spec defines it, and the largest violation of soft
+        limits, scaled.
+        """
         rows = values.rows
         excess = np.maximum(np.maximum(limits.low - rows, rows - limits.high), 0.0)
         soft = np.isfinite(limits.linear)
@@ -187,7 +193,7 @@ class HorizonFunctions:
     # ---- values
 
     def values(self, given: Given, states: Array, controls: Array) -> Values:
-        """Cost, next states and rows of limits of a scaled plan."""
+        """The cost, next states and rows of limits at a scaled plan."""
         plan = self.plan(states, controls)
         log = log_of(self.problem, given, plan.controls)
         named = by_name(self.problem.states, plan.states)
@@ -201,7 +207,7 @@ class HorizonFunctions:
         )
 
     def slopes(self, given: Given, states: Array, controls: Array) -> Slopes:
-        """First derivatives at a scaled plan."""
+        """The first derivatives of cost, next states and rows at a scaled plan."""
         plan = self.plan(states, controls)
         log = log_of(self.problem, given, plan.controls)
         named = by_name(self.problem.states, plan.states)
@@ -211,10 +217,10 @@ class HorizonFunctions:
     def curvature(
         self, given: Given, states: Array, controls: Array, rows: Array, costates: Array
     ) -> Array:
-        """The Hessian of J + λᵀF + yᵀh at a scaled plan, (N+1, nx+nu, nx+nu).
+        """The Hessian of J + λᵀF + yᵀh by stage at a scaled plan, (N+1, nx+nu, nx+nu).
 
-        `rows` are the y of the rows, (N+1, m), and `costates` the λ_{k+1} of F at stage k, (N, nx),
-        all scaled.
+        `rows` are the weights y of the rows h, (N+1, m). `costates` are the weights λ_{k+1} of
+        the next states F at stage k, (N, nx). All are scaled.
         """
         problem, n = self.problem, self.horizon
         plan = self.plan(states, controls)
@@ -298,7 +304,7 @@ class HorizonFunctions:
 
 
 def _fixed_ends(problem: ControlProblem, limits: Limits) -> tuple[float, float]:
-    """The limits that do not depend on references."""
+    """The minimum and maximum if they are constant; −∞ and +∞ for others."""
     found: list[float] = []
     for name, nothing in ((limits.minimum, -np.inf), (limits.maximum, np.inf)):
         op = None if name is None else problem.program.step[problem.node(name)].op
@@ -308,7 +314,7 @@ def _fixed_ends(problem: ControlProblem, limits: Limits) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """The values of one plan."""
+    """The values of one plan, in scaled variables."""
 
     cost: float
     """σJ without penalties."""
@@ -325,7 +331,7 @@ class Values:
 
 @dataclass(frozen=True, slots=True)
 class Slopes:
-    """First derivatives at one plan."""
+    """The first derivatives at one plan, in scaled variables."""
 
     cost: Array
     """∂σJ/∂(x_k, u_k), (N+1, nx+nu)."""
@@ -337,9 +343,10 @@ class Slopes:
 
 @dataclass(frozen=True, slots=True)
 class RowLimits:
-    """The limits of the rows h: low and high end, ∓∞ where there is none, and the cost of excess.
+    """The scaled limits of the rows h: minimum and maximum, ∓∞ where there is none, and the linear
+    and quadratic cost of violating them.
 
-    All (N+1, m) but for the costs, (m): ∞ for a row that is hard.
+    Limits are (N+1, m), costs (m); a hard row has the linear cost ∞.
     """
 
     low: Array
@@ -358,6 +365,8 @@ class RowLimits:
         return bool(np.all(self.low < np.inf) and np.all(self.high > -np.inf))
 
     def without_unmet(self) -> RowLimits:
-        """The limits without those that no value can meet."""
+        """A copy in which limits that no value can meet (a minimum +∞, a maximum −∞, NaN) are
+        removed.
+        """
         low = np.where(self.low < np.inf, self.low, -np.inf)
         return replace(self, low=low, high=np.where(self.high > -np.inf, self.high, np.inf))

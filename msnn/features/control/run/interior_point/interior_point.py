@@ -40,7 +40,7 @@ _WARM_BARRIER = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The last iterate of the method and its errors."""
+    """The result of the method: its last iterate, and the residuals there."""
 
     iterate: Iterate
     residual: float
@@ -51,7 +51,7 @@ class Outcome:
 
 
 class InteriorPoint:
-    """The method for one problem and one measurement."""
+    """The method for one problem, for the values `given` at one sample, with these limits."""
 
     def __init__(self, functions: HorizonFunctions, given: Given, limits: RowLimits) -> None:
         self._f, self._given = functions, given
@@ -68,9 +68,11 @@ class InteriorPoint:
         iterations: int,
         tolerance: float,
     ) -> Outcome:
-        """Solves from a scaled plan; `before` has the multipliers of a neighbouring problem.
+        """Solves from a scaled plan, states (N+1, nx) and controls (N, nu). `before` is the result
+        of a neighbouring problem, whose multipliers are used; None is a cold start.
 
-        It ends once the residual is at most the tolerance, after `iterations` anyway.
+        It ends when the residual is at most the tolerance, after `iterations`, or if no step is
+        possible. A NaN ends it too.
         """
         with np.errstate(all="ignore"):
             return self._solved(states, controls, before, iterations, tolerance)
@@ -206,7 +208,9 @@ class InteriorPoint:
         return float(np.max([*parts, greatest(held), 0.0 * point.values.cost]))
 
     def _rounding(self, point: Point) -> float:
-        """The rounding error of the residual: half a unit in the last place of all its terms."""
+        """The rounding error of the residual: half a unit in the last place of its largest sum of
+        terms.
+        """
         f, slopes, costates = self._f, point.slopes, point.costates
         # a multiplier pulls at its row from either end
         sums = np.abs(point.now.multipliers).reshape(f.horizon + 1, 2, -1).sum(axis=1)
@@ -216,7 +220,7 @@ class InteriorPoint:
         return ROUNDING * max(parts) + self._limits.rounding(point.values, point.now.multipliers)
 
     def _error(self, point: Point, barrier: float) -> float:
-        """The distance of the point from the solution at this barrier."""
+        """The largest residual of the equations of the barrier problem with this barrier."""
         now = point.now
         products = np.where(self._limits.active, now.slacks * now.multipliers - barrier, 0.0)
         others = np.where(self._limits.soft, now.excesses * now.excess_multipliers - barrier, 0.0)
@@ -226,7 +230,9 @@ class InteriorPoint:
     # ---- where it goes
 
     def _moved(self, point: Point, barrier: float) -> tuple[Iterate, Values] | None:
-        """The next iterate; None if the line search fails."""
+        """The next iterate with its values; None if a derivative is not finite or no step is
+        possible.
+        """
         f, now = self._f, point.now
         rows = self._limits.by_row(now.multipliers)
         if f.problem.hessian == "exact":

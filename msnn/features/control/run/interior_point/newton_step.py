@@ -16,7 +16,9 @@ LEAST_CURVATURE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class HeldControls:
-    """The stages whose controls are those of the stage before: du_k = selection · dx_k + gaps."""
+    """The stages within a block, whose controls equal those of the previous stage: du_k = selection
+    · dx_k + gaps.
+    """
 
     stages: NDArray[np.bool_]
     """(N), whether it is one."""
@@ -24,7 +26,9 @@ class HeldControls:
     """(nu, nx)"""
 
     def gaps(self, states: Array, controls: Array) -> Array:
-        """The distances of controls from those that the states hold, (N, nu)."""
+        """The differences between the previous controls, which the states contain, and the
+        controls, (N, nu).
+        """
         return states[:-1] @ self.selection.T - controls
 
 
@@ -36,10 +40,13 @@ def newton_step(
     held: HeldControls,
     held_gaps: Array,
 ) -> tuple[Array, Array] | None:
-    """Changes of states (N+1, nx) and of controls (N, nu).
+    """The minimum of a quadratic problem by a Riccati recursion: changes of states dx (N+1, nx) and
+    of controls du (N, nu).
 
-    None where the problem has no minimum: some control has no curvature. `slopes` are (A, B) side
-    by side, (N, nx, nx+nu); `gaps` are c.
+    Stage k costs ½ wᵀ H w + gᵀ w with w = (dx_k, du_k), H in `hessian` and g in `gradient`;
+    dx_{k+1} = A dx_k + B du_k + c. `slopes` are (A, B) side by side, (N, nx, nx+nu); `gaps` are c.
+    `held_gaps` are those of held controls, (N, nu). None if the problem has no minimum, because a
+    control has no curvature.
     """
     n, nx, width = slopes.shape
     value, linear = hessian[n, :nx, :nx], gradient[n, :nx]
@@ -70,7 +77,9 @@ def newton_step(
 
 
 def _best_control(quadratic: Array, slope: Array, nx: int) -> tuple[Array, Array] | None:
-    """Gain and offset of the control that is best from any state."""
+    """Gain K and offset k of the optimal control du = K dx + k of a stage with this quadratic and
+    linear cost; None without a minimum.
+    """
     own = quadratic[nx:, nx:]
     try:
         # positive definite, or the stage has no best control
@@ -94,9 +103,10 @@ def condensed_step(
     held: HeldControls,
     held_gaps: Array,
 ) -> tuple[Array, Array] | None:
-    """Changes of states (N+1, nx) and of controls (N, nu), as `newton_step` finds them.
+    """The same changes as `newton_step` (arguments as there), by one dense system in the controls
+    alone: changes of states (N+1, nx) and of controls (N, nu).
 
-    None where the problem has no minimum: some direction of the controls has no curvature.
+    None if the problem has no minimum, because a direction of the controls has no curvature.
     """
     n, nx, width = slopes.shape
     nu = width - nx
@@ -136,7 +146,7 @@ def condensed_step(
 
 
 def convex(hessian: Array) -> Array:
-    """The nearest symmetric matrices without negative curvature."""
+    """The nearest symmetric matrices with positive eigenvalues, one per stage."""
     values, vectors = np.linalg.eigh(hessian)
     # flat directions count as bent a little: their step would be endless
     least = 1e-8 * np.maximum(1.0, np.max(np.abs(values), axis=1, keepdims=True))
