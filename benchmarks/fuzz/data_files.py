@@ -34,6 +34,12 @@ UNITS: Mapping[str, Sequence[tuple[str, float, float]]] = {
 """Units of files; a number of a table times the factor plus the offset is a number of a file."""
 _TEXT = {"csv": ",", "tsv": "\t", "txt": "|", "dat": ";"}
 _MISSING = ("", "", "NaN", "nan", "n/a", "NULL", "-")
+_FORMATS: Mapping[str, Sequence[str]] = {
+    "": ("%d.%m.%Y %H:%M:%S.%f", "%Y%m%d%H%M%S%f", "%a %b %d %I:%M:%S.%f %p %Y"),
+    "Z": ("%d/%m/%y %H:%M:%S.%f%z", "%Y-%jT%H:%M:%S.%f %z"),
+    "+01:00": ("%m/%d/%Y %H:%M:%S.%f %z", "%d %B %Y %H:%M:%S.%f"),
+}
+"""Formats of dates by zone; those without `%z` are of the clock of a zone of Europe, in winter."""
 _BEGIN = datetime(2026, 11, 22, 17)
 
 
@@ -132,6 +138,11 @@ def write_files(
     }
     said = [f"{key}: {value}" for key, value in layout.items() if value is not None]
     keys = {"time": next(column.key for column in columns if column.name == "t")}
+    written = rng.choice(_FORMATS[clock.zone or ""]) if clock.is_date and rng.random() < 0.5 else ""
+    written = written if kind in (*_TEXT, "xlsx") else ""
+    if written:
+        zone = ", zone: Europe/Berlin" if clock.zone == "+01:00" and "%z" not in written else ""
+        keys["time"] = f'{{column: {keys["time"]}, format: "{written}"{zone}}}'
     others = [f"{c.name}: {c.key}" for c in columns if c.name != "t" and c.key != c.name]
     keys |= {"columns": f"{{{', '.join(others)}}}"} if others else {}
     keys |= {"csv": f"{{{', '.join(said)}}}"} if said else {}
@@ -141,7 +152,7 @@ def write_files(
     for index, table in enumerate(tables):
         name = f"{'abc'[index]}.{kind}"
         names.append(name)
-        cells = {one.name: _cells(table[one.name], one, clock) for one in columns}
+        cells = {one.name: _cells(table[one.name], one, clock, written) for one in columns}
         if mark is not None:
             cells |= {name: _marked(cells[name], mark, rng) for name in "uzy"}
         path = folder / name
@@ -184,8 +195,11 @@ def _columns(kind: str, clock: Clock, rng: random.Random) -> list[_Column]:
     return found
 
 
-def _cells(values: Values, column: _Column, clock: Clock) -> list[float | str]:
-    """The values as numbers in the unit of the file, or as dates."""
+def _cells(values: Values, column: _Column, clock: Clock, written: str) -> list[float | str]:
+    """The values as numbers in the unit of the file, or as dates, in ISO 8601 or a format."""
+    if column.name == "t" and written:
+        moments = [_BEGIN + timedelta(microseconds=round(1e6 * value)) for value in values]
+        return [moment.strftime(written.replace("%z", clock.zone or "")) for moment in moments]
     if column.name == "t" and clock.is_date:
         return [_date(value, clock) for value in values]
     _, factor, offset = _unit(column)

@@ -47,16 +47,20 @@ def reference(
     every = int(keys.get("every", 1))
     gap = keys.get("gap")
     resamples = keys.get("resample") in ("linear", "nearest")
-    chains = _chains(tables, every, resamples, gap) if keys.get("join") else [[t] for t in tables]
+    single = [_without_duplicates([table], keys.get("duplicates"))[0][0] for table in tables]
+    order = list(range(len(tables)))
+    groups = _chains(single, every, resamples, gap) if keys.get("join") else [[i] for i in order]
+    chains = [[tables[i] for i in group] for group in groups]
     recordings: list[Rows] = []
     codes: set[str] = set()
-    for chain in chains:
+    for raw in chains:
+        chain, numbers = _without_duplicates(raw, keys.get("duplicates"))
         whole = {name: np.concatenate([table[name] for table in chain]) for name in chain[0]}
         begin = float(whole["t"][0])
         zero = begin if clock.has_dated_keys else 0.0
         if clock.is_date:  # seconds from the first row
             whole["t"] = whole["t"] - begin
-        first, stop = _bounds(whole["t"], keys, zero)
+        first, stop = _bounds(whole["t"], numbers, keys, zero)
         if first >= stop:
             codes.add("E0818")
             continue
@@ -78,7 +82,7 @@ def reference(
 
 def _chains(
     tables: Sequence[Table], every: int, resamples: bool, gap: str | None
-) -> list[list[Table]]:
+) -> list[list[int]]:
     """Groups files that follow each other in time, each with the earliest successor."""
     next_of: dict[int, int] = {}
     for i, table in enumerate(tables):
@@ -91,12 +95,12 @@ def _chains(
         ]
         if following:
             next_of[i] = min(following)[1]
-    chains: list[list[Table]] = []
+    chains: list[list[int]] = []
     for i in (i for i in range(len(tables)) if i not in next_of.values()):
         chain = [i]
         while chain[-1] in next_of:
             chain.append(next_of[chain[-1]])
-        chains.append([tables[k] for k in chain])
+        chains.append(chain)
     return chains
 
 
@@ -117,14 +121,42 @@ def _longest_step(moments: Values, gap: str | None) -> float:
     return float(gap or 2.5) * max(STEP, _usual(moments)) * (1 + 1e-6)
 
 
-def _bounds(moments: Values, keys: dict[str, str], zero: float) -> tuple[int, int]:
+def _without_duplicates(tables: Sequence[Table], how: str | None) -> tuple[list[Table], list[int]]:
+    """The tables with one row per time, and the number of each row with all rows counted."""
+    found: list[Table] = []
+    numbers: list[int] = []
+    begin = 0
+    for table in tables:
+        groups: list[list[int]] = []
+        for row, moment in enumerate(table["t"]):
+            if groups and table["t"][groups[-1][0]] == moment:
+                groups[-1].append(row)
+            else:
+                groups.append([row])
+        kept = [group[-1 if how == "last" else 0] for group in groups]
+        reduced = {name: values[kept] for name, values in table.items()}
+        for name in NAMES if how == "mean" else ():
+            known = [[v for v in table[name][group] if v == v] for group in groups]
+            reduced[name] = np.array([math.fsum(v) / len(v) if v else math.nan for v in known])
+        found.append(reduced)
+        numbers += [begin + row for row in kept]
+        begin += len(table["t"])
+    return found, numbers
+
+
+def _bounds(
+    moments: Values, numbers: list[int], keys: dict[str, str], zero: float
+) -> tuple[int, int]:
     """The first and last row between `from` and `to`; their seconds count from `zero`."""
     first, stop = 0, len(moments)
     for key, text in keys.items():
         if key not in ("from", "to"):
             continue
         if not text.endswith("s"):
-            first, stop = (int(text), stop) if key == "from" else (first, min(stop, int(text) + 1))
+            if key == "from":
+                first = sum(number < int(text) for number in numbers)
+            else:
+                stop = sum(number <= int(text) for number in numbers)
             continue
         seconds = float(text[:-1]) - zero
         slack = 1e-6 * max(abs(seconds), 1)

@@ -72,6 +72,8 @@ def trial(seed: int, folder: Path) -> tuple[str | None, bool]:
     """
     rng = random.Random(seed)  # noqa: S311  (repeatable, no secret)
     tables, keys = drawn_tables(rng), drawn_keys(rng)
+    if "duplicates" in keys:
+        tables = [with_repeated_rows(table, rng) for table in tables]
     if rng.random() < 0.3:
         rng.shuffle(tables)
     clock = drawn_clock(rng)
@@ -127,11 +129,23 @@ def drawn_tables(rng: random.Random) -> list[Table]:
     return tables
 
 
+def with_repeated_rows(table: Table, rng: random.Random) -> Table:
+    """The table with one to three more rows at the time of some rows, with other values."""
+    rows = [row for row in range(len(table["t"])) for _ in range(rng.choice([1] * 6 + [2, 4]))]
+    found = {name: values[rows] for name, values in table.items()}
+    repeated = np.append(False, np.diff(rows) == 0)
+    for name in NAMES:
+        others = [rng.choice([np.nan, round(rng.uniform(-1, 1), 4)]) for _ in rows]
+        found[name] = np.where(repeated, others, found[name])
+    return found
+
+
 def drawn_keys(rng: random.Random) -> dict[str, str]:
     choices = {
         "resample": (0.8, ["linear", "nearest", "none", "linear"]),
         "nan": (0.8, ["split", "split", "drop", "error"]),
         "gap": (0.3, ["1.2", "2", "4", "0.25 s", "1.3 s"]),
+        "duplicates": (0.3, ["first", "last", "mean"]),
         "join": (0.5, ["true"]),
         "from": (0.3, ["2", "5", "0.25 s", "0.5 s"]),
         "to": (0.3, ["9", "12", "1.15 s", "1.5 s"]),

@@ -258,6 +258,23 @@ def no_unit_of_time(unit: str, span: Span) -> Diagnostic:
     return error("E0824", span, message, "not a unit of time", help=repair)
 
 
+def bad_time_format(text: str, reason: str, repair: str | None, span: Span) -> Diagnostic:
+    """E0885: a `format:` of dates that has a mistake, or contradicts another key."""
+    message = f"the format `{text}` of dates has a mistake: {reason}"
+    return error("E0885", span, message, "this is wrong", help=repair)
+
+
+def unknown_zone(name: str, near: tuple[str, ...] | None, span: Span) -> Diagnostic:
+    """E0886: a time zone that is unknown."""
+    if near is None:
+        repair = "this machine has no database of time zones: run `pip install tzdata`"
+    elif near:
+        repair = f"did you mean {' or '.join(f'`{zone}`' for zone in near)}?"
+    else:
+        repair = "zones are named by a city, such as `Europe/Berlin`; or write `UTC`"
+    return error("E0886", span, f"`{name}` is no time zone", "unknown", help=repair)
+
+
 KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     "activation_function": ("activation",),
     "batch_size": ("batch",),

@@ -63,7 +63,7 @@ def read_moment(text: str) -> Moment | None:
         whole = datetime.fromisoformat(f"{found['day']} {clock}+00:00")
     except ValueError:
         return None
-    seconds = (whole - _EPOCH) // _SECOND - _offset(found["zone"] or "Z")
+    seconds = (whole - _EPOCH) // _SECOND - offset_of_zone(found["zone"] or "Z")
     # digits of a fraction count from the left: `.5` is 500 ms
     fraction = int((found["fraction"] or "").ljust(9, "0"))
     nanoseconds = seconds * 1_000_000_000 + fraction
@@ -72,7 +72,7 @@ def read_moment(text: str) -> Moment | None:
     return Moment(nanoseconds, found["zone"] is not None)
 
 
-def _offset(zone: str) -> int:
+def offset_of_zone(zone: str) -> int:
     """Offset of a time zone from UTC in seconds."""
     if zone in "Zz":
         return 0

@@ -13,6 +13,8 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
 from spec_schema.expressions.moments import Date
 from spec_schema.expressions.scanner import NUMBER_PATTERN, parse_length
+from spec_schema.expressions.time_format import FormatFault, time_format, written_format
+from spec_schema.expressions.time_zones import is_zone, near_zones
 from spec_schema.expressions.tree import Duration
 from spec_schema.fields.entry import BySignal, Entry, Named, RefusedError, findings_of
 from spec_schema.fields.formulas import ConditionField
@@ -482,8 +484,33 @@ class Csv(Entry):
         return self
 
 
+def _read_format(node: Node, findings: Findings) -> Located[str]:
+    found = scalar(node, findings, "a format of dates such as `%d/%m/%Y %H:%M:%S`")
+    fault = time_format(found.text)
+    if isinstance(fault, FormatFault):
+        span = found.positions.span(fault.first, fault.last)
+        findings.report(errors.bad_time_format(found.text, fault.reason, fault.repair, span))
+        raise RefusedError
+    return Located(found.text, found.span, found.key)
+
+
+def _read_zone(node: Node, findings: Findings) -> Located[str]:
+    found = scalar(node, findings, "a time zone such as `Europe/Berlin`")
+    if not is_zone(found.text):
+        findings.report(errors.unknown_zone(found.text, near_zones(found.text), found.span))
+        raise RefusedError
+    return Located(found.text, found.span, found.key)
+
+
+FormatField: TypeAlias = Annotated[Located[str], reads(_read_format, {"type": "string"})]
+ZoneField: TypeAlias = Annotated[Located[str], reads(_read_zone, {"type": "string"})]
+
+
 class TimeColumn(Entry):
-    """The column that holds the time of each row, in seconds unless `unit` says otherwise."""
+    """The column that holds the time of each row, in seconds unless `unit` says otherwise.
+
+    With `format` its cells are dates, and with `zone` dates of a clock in that time zone.
+    """
 
     noun: ClassVar[str] = "time"
     shorthand: ClassVar[str | None] = "column"
@@ -492,12 +519,27 @@ class TimeColumn(Entry):
     """Name or index of the column."""
     unit: UnitField | None = None
     """Unit of time; s by default."""
+    format: FormatField | None = None
+    """How dates are written, in directives of strptime; by default ISO 8601."""
+    zone: ZoneField | None = None
+    """Time zone of the logger's clock; by default dates state it, or it is unknown."""
 
     @model_validator(mode="after")
     def _is_time(self, info: ValidationInfo) -> "TimeColumn":
+        if self.format is not None:
+            self._check_format(self.format, findings_of(info))
         if self.unit is not None and not self.unit.value.same_dimension(SECOND):
             findings_of(info).report(errors.no_unit_of_time(self.unit.value.text, self.unit.span))
         return self
+
+    def _check_format(self, text: Located[str], findings: Findings) -> None:
+        if self.unit is not None:
+            reason, repair = "`unit:` is of numbers", "remove `unit:` or `format:`"
+            findings.report(errors.bad_time_format(text.value, reason, repair, self.unit.span))
+        if self.zone is not None and written_format(text.value).has_zone:
+            reason = "`%z` reads the offset of each date, and `zone:` states one for all"
+            repair = "remove `zone:`, or write the offset as the characters that it has"
+            findings.report(errors.bad_time_format(text.value, reason, repair, self.zone.span))
 
 
 SECOND = parse_unit("s")
@@ -543,6 +585,13 @@ class Layout(Entry):
     """What a record is: a file, or a row group of a Parquet file, which is read at a time."""
     missing: Marks | None = None
     """Numbers and texts of cells that mean: not measured."""
+    duplicates: (
+        Annotated[
+            Literal["first", "last", "mean", "error"], choice("first", "last", "mean", "error")
+        ]
+        | None
+    ) = None
+    """Which of successive rows with the same time is used, or their mean; else an error."""
 
 
 class Source(Layout):

@@ -111,6 +111,13 @@ def test_the_end_of_summer_time_is_named(tmp_path: Path, picked: str) -> None:
     fault = fault_of(tmp_path, layout)
     assert fault.code == "E0813"
     assert "row 2 of a.csv goes back by an hour: the end of summer time?" in fault.message
+    zone = str(fault.help).split("`")[1]
+    found = load(
+        tmp_path, "a.csv", "m/s", f"  time: {{column: time, {zone}}}\n  resample: linear\n"
+    )
+    seconds = found.records[0].pieces[0].time
+    assert seconds is not None
+    assert seconds.tolist()[-1] == 3
     offsets = ("+02:00", "+02:00", "+01:00", "+01:00")
     text = "".join(f"{time}{zone},1\n" for time, zone in zip(times, offsets, strict=True))
     (tmp_path / "a.csv").write_text(f"time,v\n{text}")

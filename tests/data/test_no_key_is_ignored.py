@@ -138,6 +138,8 @@ class Case:
     """Whether one value of x is −9999."""
     gap: bool = False
     """Whether a second is missing in the middle."""
+    repeated: bool = False
+    """Whether a row has the time of the row before."""
 
 
 CASES: dict[str, Case] = {
@@ -156,9 +158,12 @@ CASES: dict[str, Case] = {
     "Data.split": Case("split: {val: 0.5}\n"),
     "Data.nan": Case("nan: split\n", lost=True),
     "Data.keep": Case("keep: disk\n"),
+    "Data.duplicates": Case("duplicates: last\n", repeated=True),
     "Data.missing": Case("missing: -9999\n", marked=True),
     "Column.missing": Case("columns: {x: {column: x, missing: -9999}, F: F}\n", marked=True),
     "TimeColumn.column": Case("time: {column: nonsense}\n", ""),
+    "TimeColumn.format": Case('time: {column: time, format: "%d.%m.%Y %H:%M:%S"}\n'),
+    "TimeColumn.zone": Case("time: {column: time, zone: Europe/Berlin}\n"),
     "TimeColumn.unit": Case("time: {column: time, unit: ms}\n"),
     "Csv.delimiter": Case('csv: {delimiter: ";"}\n'),
     "Csv.decimal": Case('csv: {decimal: ","}\n'),
@@ -181,6 +186,15 @@ CASES: dict[str, Case] = {
     "Split.fold": Case("split: {by: kfold, k: 2, fold: 2}\n", "split: {by: kfold, k: 2}\n"),
     "gap without resampling": Case("gap: 10\n"),
     # other values that say something
+    "duplicates of streams": Case("resample: linear\nduplicates: mean\n", repeated=True),
+    "duplicates that differ": Case(
+        "resample: linear\nduplicates: mean\n",
+        "resample: linear\nduplicates: first\n",
+        repeated=True,
+    ),
+    "duplicates refused": Case(
+        "resample: none\nduplicates: error\n", "resample: none\n", repeated=True
+    ),
     "resample nearest": Case("resample: nearest\n"),
     "resample none": Case("resample: none\n", gap=True),
     "nan drop": Case("nan: drop\n", lost=True),
@@ -239,6 +253,8 @@ def written(folder: Path, kind: str, case: Case) -> str:
         x[5] = np.nan
     if case.marked:
         x[5] = -9999
+    if case.repeated:
+        time[4] = time[3]
     if case.gap:
         time[3:] += 1.0
     names: list[str] = []
@@ -280,7 +296,9 @@ def test_every_key_has_an_effect_or_a_diagnostic(tmp_path: Path, kind: str) -> N
 
 
 @pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind not in KEEPING_TIME])
-@pytest.mark.parametrize("section", ["resample: none\n", "join: true\n"])
+@pytest.mark.parametrize(
+    "section", ["resample: none\n", "join: true\n", "duplicates: last\n", "duplicates: error\n"]
+)
 def test_a_key_that_needs_times_says_so(tmp_path: Path, kind: str, section: str) -> None:
     source = written(tmp_path, kind, Case(section))
     assert outcome(tmp_path, source + section) == ["E0876"]

@@ -54,6 +54,8 @@ class WantedColumns:
         default_factory=dict[ColumnKey, frozenset[str]]
     )
     """Lower-case texts of cells that mean a missing value, besides those of every file."""
+    time_format: str | None = None
+    """How the cells of `moments` are written; None for ISO 8601 or numbers."""
     time: TimeSource | None = None
     """The time source of a file with several clocks; None for the file's default."""
 

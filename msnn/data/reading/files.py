@@ -258,15 +258,21 @@ def unused_without_times(file: DataFile, data: Data) -> Iterator[Diagnostic]:
         yield unused_key("resample: none", reason, layout.place.key)
     if data.join if layout.join is None else layout.join:
         yield unused_key("join: true", reason, layout.place.key)
+    if (how := layout.duplicates or data.duplicates) is not None:
+        yield unused_key(f"duplicates: {how}", reason, layout.place.key)
 
 
 def _of_times(
     scope: Layout, data: Data, files: Sequence[DataFile], sample_time: float | None
 ) -> Iterator[Diagnostic]:
-    asked = {"resample": scope.resample == "none", "join": bool(scope.join)}
-    for key, text in (("resample", "resample: none"), ("join", "join: true")):
+    asked = {
+        "resample": "resample: none" if scope.resample == "none" else None,
+        "join": "join: true" if scope.join else None,
+        "duplicates": f"duplicates: {scope.duplicates}" if scope.duplicates else None,
+    }
+    for key, text in asked.items():
         mine = _scope(scope, key, data, files)
-        if not asked[key] or not mine:
+        if text is None or not mine:
             continue
         if sample_time is None:
             reason = "the rows of a model without `sample_time` are samples by themselves"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from compiler.ir.program import Program, Role
-from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FileRows, FloatArray, IntArray
+from msnn.data.dataset import BoolArray, FileRows, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable
 from msnn.data.reading.columns import Feed
 from msnn.data.reading.files import DataFile
@@ -186,7 +186,7 @@ def _first_missing(
 
     Reports each column with missing inputs if the spec makes them an error.
     """
-    first: int | None = None
+    first: tuple[int, ColumnKey] | None = None
     for key in dict.fromkeys(key for feed in needed for key in feed.keys):
         lost = rows.lost.get(key)
         if lost is None or not len(lost.rows):
@@ -195,7 +195,7 @@ def _first_missing(
         if not len(used):
             continue
         row = int(used[0])
-        first = row if first is None else min(first, row)
+        first = (row, key) if first is None or row < first[0] else first
         if data.nan == "error":
             text, place = "", None
             if isinstance(recording.read, ColumnTable):
@@ -203,7 +203,7 @@ def _first_missing(
                 values = recording.read.columns[key]
             else:
                 _, values = recording.read.columns[key]
-            file, own = recording.row_of(row)
+            file, own = recording.row_of(row, key)
             more, is_all = len(used) - 1, bool(np.isnan(values).all())
             findings.report(
                 cells.missing_value(
@@ -217,7 +217,7 @@ def _first_missing(
                     is_slow=_is_slow(recording, data, values, sample_time),
                 )
             )
-    return None if first is None else recording.row_of(first)
+    return None if first is None else recording.row_of(*first)
 
 
 def _is_slow(
@@ -250,10 +250,10 @@ def _pieces(recording: ReadFile, rows: RecordRows) -> tuple[FileRows, ...]:
     found: list[FileRows] = []
     for origin, start, stop in zip(origins, starts, [*starts[1:], count], strict=True):
         own = rows.rows[start:stop]
-        if isinstance(own, range):
+        if isinstance(own, range) and not origin.remaining:
             own = range(own.start - origin.row, own.stop - origin.row, own.step)
         else:
-            own = np.where(own == BETWEEN_ROWS, own, own - origin.row)
+            own = origin.file_rows(np.asarray(own, np.int64))
         time = None if rows.time is None else rows.time[start:stop] - origin.seconds
         if stop > start or len(origins) == 1:
             found.append(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
-from msnn.data.dataset import FloatArray, TimeUnit
+from msnn.data.dataset import BETWEEN_ROWS, FloatArray, IntArray, TimeUnit
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.table_of_formats import unread_suffix
 from msnn.data.formats.text.csv_header import Dialect
@@ -28,13 +28,17 @@ from msnn.data.reading.columns import (
     report_scaled_twice,
     wanted_columns,
 )
+from msnn.data.reading.duplicates import RemainingRows, without_duplicates
 from msnn.data.reading.files import DataFile, unused_without_times
+from msnn.data.reading.local_times import fixed_zone, utc_times
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.rollout_rows import compared_signals, measured_beside, signals_only_compared
 from msnn.errors.data import cells as data_units
 from msnn.errors.data.files import no_column_read, no_reader, read_as_text
+from msnn.errors.data.rows import unused_key
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment
+from spec_schema.fields.leaf import Located
 from spec_schema.sections.data import SECOND, Csv, Data, TimeColumn
 from spec_schema.units.unit import UNCHANGED, Line, Unit
 from spec_schema.yaml_tree.writer import scalar_text
@@ -67,6 +71,22 @@ class FileOrigin:
     """Time of the file's first row in the recording, in seconds."""
     seconds: float
     """The file's time 0 in the recording, in seconds."""
+    remaining: Mapping[ColumnKey, RemainingRows] = field(
+        default_factory=dict[ColumnKey, RemainingRows]
+    )
+    """The rows without duplicates, for each column; empty if the file has none."""
+
+    def file_rows(self, rows: IntArray, key: ColumnKey | None = None) -> IntArray:
+        """The rows of the file, of rows of the recording that are from this file.
+
+        `key` names the column if columns have times of their own.
+        """
+        own = np.where(rows == BETWEEN_ROWS, rows, rows - self.row)
+        if not self.remaining:
+            return own
+        # without a key: all columns have the same times, or rows mean little
+        key = next(iter(self.remaining)) if key is None else key
+        return np.where(rows == BETWEEN_ROWS, rows, self.remaining[key].rows[own])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,8 +105,9 @@ class ReadFile:
     time_unit: TimeUnit | None = None
 
     def as_recorded(self) -> ReadFile:
-        """The same file without resampling; gaps are not errors."""
-        layout = self.file.layout.model_copy(update={"resample": "none"})
+        """The same file without resampling; gaps and repeated times are not errors."""
+        # `first` changes nothing here: it was applied when the file was read
+        layout = self.file.layout.model_copy(update={"resample": "none", "duplicates": "first"})
         return replace(self, file=replace(self.file, layout=layout))
 
     @property
@@ -96,10 +117,27 @@ class ReadFile:
             return self.read.rows
         return len(next(iter(self.read.columns.values()))[0])
 
-    def row_of(self, row: int) -> tuple[str, int]:
-        """The file that a row of the recording comes from, and its row in that file."""
+    def row_of(self, row: int, key: ColumnKey | None = None) -> tuple[str, int]:
+        """The file that a row of the recording comes from, and its row in that file.
+
+        `key` names the column if columns have times of their own.
+        """
         origin = next(origin for origin in reversed(self.origins) if origin.row <= row)
-        return origin.file, row - origin.row
+        return origin.file, int(origin.file_rows(np.array([row]), key)[0])
+
+    @property
+    def counted_rows(self) -> IntArray | None:
+        """The number of each row, from 0, where duplicates count too; None if there are none."""
+        if not any(origin.remaining for origin in self.origins):
+            return None
+        stops = [*(origin.row for origin in self.origins[1:]), self.rows]
+        numbers: list[IntArray] = []
+        begin = 0
+        for origin, stop in zip(self.origins, stops, strict=True):
+            numbers.append(begin + origin.file_rows(np.arange(origin.row, stop)))
+            remaining = next(iter(origin.remaining.values()), None)
+            begin += stop - origin.row if remaining is None else remaining.count
+        return np.concatenate(numbers)
 
     @property
     def begins(self) -> Moment | None:
@@ -134,6 +172,11 @@ def read_file(
     beside = () if whole is None else measured_beside(whole, program)
     more = feeds(beside, columns, mine)
     column = file.layout.time or data.time
+    if column is not None and file.keeps_time:
+        for name, key in (("format", column.format), ("zone", column.zone)):
+            if key is not None:
+                reason = f"the times of {file.shown} are no texts of dates"
+                mine.report(unused_key(f"time: {{{name}}}", reason, key.span))
     read = _columns(file, data, column, found, more, mine)
     if read is not None:
         read = _without_marked(read, _marks(file, data, (*found, *more)))
@@ -148,6 +191,9 @@ def read_file(
         mine.report(no_column_read(file.shown, program.name))
     if read is not None and not mine.failed:
         read = _in_seconds(read, file, column, mine)
+    remaining: Mapping[ColumnKey, RemainingRows] = {}
+    if read is not None and not mine.failed:
+        read, remaining = without_duplicates(read, file.layout.duplicates or data.duplicates)
     findings.report(*mine.in_order)
     if read is None or mine.failed:
         return None
@@ -157,7 +203,7 @@ def read_file(
         found=found,
         more=more,
         uses=_uses(program, found, more, whole or program),
-        origins=(FileOrigin(file.shown, 0, 0.0, 0.0),),
+        origins=(FileOrigin(file.shown, 0, 0.0, 0.0, remaining),),
         time_unit=_time_unit(read, column),
     )
 
@@ -217,7 +263,8 @@ def _columns(
             for key, own in marks.items()
         }
         source = _time_source(file, time)
-        wanted = WantedColumns(users, optional, spare, moments, texts, source)
+        written = None if time is None or time.format is None else time.format.value
+        wanted = WantedColumns(users, optional, spare, moments, texts, written, source)
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
@@ -349,12 +396,53 @@ def _in_seconds(
             data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
         )
         return None
+    if column.zone is not None:
+        return _in_zone(read, file, column, column.zone, findings)
     line = UNCHANGED
     if begins is None:
         line = _to_seconds(column, read.units.get(key), file.shown, findings)
     if line is None:
         return None
     return replace(read, time=converted_cells(read.columns[key], line), time_begins=begins)
+
+
+def _in_zone(
+    read: ColumnTable,
+    file: DataFile,
+    column: TimeColumn,
+    zone: Located[str],
+    findings: Findings,
+) -> ColumnTable | None:
+    """The table with times in UTC of a clock in a zone; None after reporting errors."""
+    key = column.column.column
+    begins = read.begins.get(key)
+    if begins is None or begins.has_zone:
+        kind = "numbers" if begins is None else "an offset from UTC in its dates"
+        findings.report(
+            data_units.other_kind_of_times("zone", str(key), file.shown, kind, zone.span)
+        )
+        return None
+    found = utc_times(read.columns[key], begins, zone.value)
+    for rows, twice in ((found.skipped, False), (found.doubtful, True)):
+        if len(rows):
+            row = int(rows[0])
+            text = begins.text_after(float(read.columns[key][row]))
+            findings.report(
+                data_units.no_moment_in_zone(
+                    file=file.shown,
+                    row=row,
+                    column=str(key),
+                    text=text,
+                    more=len(rows) - 1,
+                    place=read.cell(row, key)[1],
+                    zone=zone.value,
+                    twice=twice,
+                    standard=fixed_zone(begins, float(read.columns[key][row]), zone.value),
+                )
+            )
+    if findings.failed:
+        return None
+    return replace(read, time=found.seconds, time_begins=found.begins)
 
 
 def _time_unit(read: ColumnTable | Streams, column: TimeColumn | None) -> TimeUnit | None:

@@ -142,7 +142,8 @@ def _as_recorded(
     findings: Findings,
 ) -> RecordRows | None:
     file, time, begins = recording.file, table.time, table.time_begins
-    picked = picked_rows(file.layout, data, file.shown, table.rows, time, begins, findings)
+    counted = recording.counted_rows
+    picked = picked_rows(file.layout, data, file.shown, table.rows, time, begins, counted, findings)
     if picked is None:
         return None
     columns = {key: column[picked.rows] for key, column in table.columns.items()}
@@ -154,6 +155,12 @@ def _as_recorded(
         continues, faults = continuity(time, picked, sample_time)
         if gaps_are_errors:
             for fault in faults:
+                findings.report(_time_fault(fault, recording, data, sample_time, table))
+        elif (file.layout.duplicates or data.duplicates) == "error":
+            same = np.flatnonzero(np.diff(time) == 0)
+            if len(same):
+                row = picked.first + (int(same[0]) + 1) * picked.every
+                fault = TimeFault("order", row, 0.0, len(same) - 1)
                 findings.report(_time_fault(fault, recording, data, sample_time, table))
     rows = range(picked.first, picked.stop, picked.every)
     lost = {key: _missing(column, picked) for key, column in columns.items()}
@@ -177,7 +184,8 @@ def _resampled(
 ) -> RecordRows | None:
     file = recording.file
     time, begins = table.time, table.time_begins
-    picked = picked_rows(file.layout, data, file.shown, table.rows, time, begins, findings)
+    counted = recording.counted_rows
+    picked = picked_rows(file.layout, data, file.shown, table.rows, time, begins, counted, findings)
     if picked is None:
         return None
     if time is None:
@@ -215,6 +223,8 @@ def _streams(
         if not (np.diff(time) > 0).all():
             row = int(np.argmin(np.diff(time) > 0)) + 1
             shown, step = f"`{key}` in {file.shown}", float(time[row] - time[row - 1])
+            if len(recording.origins) == 1:
+                _, row = recording.row_of(row, key)
             fault = errors.time_not_increasing(shown, row, step, 0, None, is_stream=True)
             findings.report(fault)
             return None

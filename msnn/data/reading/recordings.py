@@ -134,7 +134,11 @@ def _joined(files: Sequence[ReadFile], clock: Sequence[float]) -> ReadFile:
     row = 0
     for file, shift in zip(files, shifts, strict=True):
         begin = min(float(time[0]) for time in (file.times or {}).values() if len(time)) + shift
-        origins.append(FileOrigin(file.file.shown, row, begin, shift))
+        origin = FileOrigin(file.file.shown, row, begin, shift)
+        # the rows of streams with several times are not those of one column
+        if _has_rows(file.read):
+            origin = replace(origin, remaining=file.origins[0].remaining)
+        origins.append(origin)
         # streams with one time are rows too; those with several have none
         row += len(next(iter((file.times or {}).values())))
     return replace(
@@ -143,6 +147,11 @@ def _joined(files: Sequence[ReadFile], clock: Sequence[float]) -> ReadFile:
         read=_one_table(files, shifts, origins),
         origins=tuple(origins),
     )
+
+
+def _has_rows(read: ColumnTable | Streams) -> bool:
+    """True if all columns have as many values."""
+    return isinstance(read, ColumnTable) or len({len(t) for t, _ in read.columns.values()}) == 1
 
 
 def _one_table(

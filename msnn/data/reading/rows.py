@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.errors.data import cells as data_units
 from msnn.errors.data import rows as errors
 from spec_schema.diagnostics.diagnostic import Findings
@@ -53,11 +53,13 @@ def picked_rows(
     rows: int,
     time: FloatArray | None,
     begins: Moment | None,
+    counted: IntArray | None,
     findings: Findings,
 ) -> RowRange | None:
     """The rows of a file selected by `from`, `to` and `every`; None after reporting errors.
 
-    `begins` is time 0 if times are dates.
+    `begins` is time 0 if times are dates. `counted` are the numbers that `from` and `to` have for
+    the rows, if these are not 0, 1, 2, …
     """
     first_length = layout.first or defaults.first
     last_length = layout.last or defaults.last
@@ -70,6 +72,8 @@ def picked_rows(
             # `to: n` includes row n
             # so `stop` is exclusive in either case
             bounds[index] = length.count + index
+            if counted is not None:
+                bounds[index] = int(np.searchsorted(counted, bounds[index]))
             continue
         if time is None:
             findings.report(errors.no_time_column(f"`{key}`", length.span))

@@ -169,7 +169,10 @@ def _repair_of(text: str, column: str, delimiter: str | None, decimal: str) -> s
     if _ISO_DATE.match(text) and read_moment(text) is None:
         return "dates reach from 1823 to 2116: leave rows out whose clock was not set"
     if _DATE.match(text):
-        return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
+        return (
+            "write times as `2026-11-22 17:00:00.25` (ISO 8601) or as numbers, or how they are "
+            f'written: `time: {{column: {column!r}, format: "{_likely_format(text)}"}}`'
+        )
     if text.upper() in _NOT_MEASURED:
         return (
             "leave the cell empty where nothing was measured, "
@@ -181,6 +184,19 @@ def _repair_of(text: str, column: str, delimiter: str | None, decimal: str) -> s
     if joined != text and _NUMBER.fullmatch(joined):
         return f"write the number without blanks or apostrophes: `{joined}`"
     return None
+
+
+def _likely_format(text: str) -> str:
+    """The format of a date of a country, or an example."""
+    found = _DAY_AND_CLOCK.fullmatch(text)
+    if found is None:
+        return "%d/%m/%Y %H:%M:%S"
+    _, sign, second, year, blank, clock, fraction = found.groups()
+    # where both orders are possible, the user sees which one it is
+    day = f"%m{sign}%d{sign}" if int(second) > 12 else f"%d{sign}%m{sign}"
+    parts = "" if clock is None else blank + ("%H:%M:%S" if clock.count(":") == 2 else "%H:%M")
+    digits = "" if fraction is None else f"{fraction}%f"
+    return day + ("%Y" if len(year) == 4 else "%y") + parts + digits
 
 
 def _repair_of_groups(found: re.Match[str], delimiter: str | None, usual: str) -> str:
@@ -209,6 +225,13 @@ def _plain_number(text: str) -> str | None:
         return str(int(text, 16))
     plain = text.replace("\u2212", "-").replace("D", "E").replace("d", "e")
     return plain if plain != text and _NUMBER.fullmatch(plain) else None
+
+
+_DAY_AND_CLOCK = re.compile(
+    r"(\d{1,2})([./-])(\d{1,2})\2(\d{4}|\d\d)(?:( )(\d{1,2}:\d\d(?::\d\d)?)(?:([.,])\d{1,9})?)?"
+)
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+([.]\d*)?")
+_POINTS_AND_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d*")
 
 
 _GROUPED = re.compile(
@@ -266,6 +289,57 @@ def not_a_moment(
     notes = (f"row {row} of {file}; the rows before have dates", *and_more(more, "cell"))
     repair = "write every time as ISO 8601, or every time as a number"
     return error("E0989", place, message, "not a date and a time of day", notes=notes, help=repair)
+
+
+def unlike_format(
+    file: str, row: int, column: str, text: str, more: int, place: Span | None, *, wanted: str
+) -> Diagnostic:
+    """E0887: a time that does not fit `format:`."""
+    message = f"`{text}` in column `{column}` does not fit the format `{wanted}`"
+    notes = (f"row {row} of {file}", *and_more(more, "cell"))
+    repair = "write `format:` as most cells are, and correct or remove rows with other times"
+    if read_moment(text) is not None:
+        repair = "remove `format:` if all cells are so: ISO 8601 needs none"
+    return error("E0887", place, message, "another format, or no date", notes=notes, help=repair)
+
+
+def other_kind_of_times(
+    key: str, column: str, file: str, kind: str, span: Span | None
+) -> Diagnostic:
+    """E0889: `format:` or `zone:` of a column whose times are of another kind."""
+    wanted = "texts of dates" if key == "format" else "dates without an offset from UTC"
+    message = f"`{key}:` is of {wanted}, and column `{column}` of {file} has {kind}"
+    return error("E0889", span, message, "of other times", help=f"remove `{key}:`")
+
+
+def no_moment_in_zone(
+    *,
+    file: str,
+    row: int,
+    column: str,
+    text: str,
+    more: int,
+    place: Span | None,
+    zone: str,
+    twice: bool,
+    standard: str | None,
+) -> Diagnostic:
+    """E0888: a local time that its zone skips or has twice when clocks are changed."""
+    if twice:
+        what = "is there twice: clocks were set back, and the order of rows does not tell which"
+        label = "before or after the change?"
+        repair = (
+            "write these times with their offset from UTC and `%z` in `format:`, or leave them out"
+        )
+    else:
+        what = "is skipped: clocks were set forward"
+        label = "no clock of that zone shows it"
+        repair = "name the zone of the logger, or leave these rows out"
+    if standard is not None:
+        repair += f"; if the logger has no summer time, write `zone: {standard}`"
+    message = f"the time `{text}` of column `{column}` {what} in {zone}"
+    notes = (f"row {row} of {file}", *and_more(more, "cell"))
+    return error("E0888", place, message, label, notes=notes, help=repair)
 
 
 def mixed_zones(

@@ -114,8 +114,18 @@ def time_not_increasing(
         message = f"the time in row {row} of {file} goes back by an hour: the end of summer time?"
         # sorted, the rows of two hours would be mixed
         repair = (
-            "if the clock was set back, write times with their offset from UTC: `02:50+02:00` and "
-            "then `02:00+01:00`; `resample: none` makes an episode of each part"
+            "if the clock was set back, name its zone, as `zone: Europe/Berlin` under `time:`, or "
+            "write times with their offset from UTC: `02:50+02:00` and then `02:00+01:00`; "
+            "`resample: none` makes an episode of each part"
+        )
+    elif step == 0.0 and not is_picked:
+        repair = (
+            "`duplicates: first`, `last` or `mean` under `data:` makes one row of those with the "
+            "same time; if the time was rounded, "
+        ) + (
+            "name another one with `time:`"
+            if is_stream
+            else "remove `time:`, and rows are one sample apart"
         )
     elif is_stream:
         # nobody edits the rows of such a file
@@ -125,16 +135,11 @@ def time_not_increasing(
             "give `from` and `to` as numbers of rows, such as `from: 0`, beside `resample: none`; "
             "if rows are out of order, sort them by time"
         )
-    elif step < 0.0:
+    else:
         # sorted, the rows of two recordings would be mixed
         repair = (
             "if another recording begins there, `resample: none` makes an episode of each; if rows "
             "are out of order, sort them by time"
-        )
-    else:
-        repair = (
-            "of rows with the same time keep one; if the time was rounded, remove `time:`, and "
-            "rows are one sample apart"
         )
     return error("E0813", place, message, "time does not increase", notes=notes, help=repair)
 

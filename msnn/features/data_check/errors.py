@@ -34,7 +34,9 @@ def repeated_times(*, file: str, count: int, row: int, backward: bool) -> Diagno
     rows = f"{count} rows, the first is" if count > 1 else "one,"
     message = f"{file} has rows that are {what}: {rows} row {row}"
     repair = (
-        "sort the rows by time and keep one of each time; after a clock was set: `resample: none`"
+        "after a clock was set write `resample: none`; else sort the rows by time"
+        if backward
+        else "`duplicates: first`, `last` or `mean` under `data:` makes one row of them"
     )
     return warning("W0813", None, message, help=repair)
 

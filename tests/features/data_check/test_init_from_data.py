@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.data import first_models
 from msnn.api import measurements, models, trainings
 from msnn.data.dataset import FloatArray
 from msnn.features.data_check.first_spec.columns import columns_of
@@ -600,6 +601,43 @@ def test_a_set_point_of_a_closed_loop_is_no_input(tmp_path: Path):
     first = measurements.validate(model, None).rows[1].value
     trained = measurements.validate(model, trainings.train(model, runs=None).weights).rows[1].value
     assert trained <= first < 0.2 * np.std(y)
+
+
+@pytest.mark.parametrize("late", ["same", "next"])
+@pytest.mark.parametrize("kind", ["proportional", "integrating"])
+def test_a_set_point_without_a_telling_name_is_no_input(kind: str, late: str, tmp_path: Path):
+    """Of a PI controller that reads the same row, the model had the set-point as an input."""
+    files, targets = first_models.RECORDINGS[f"{kind} controller, {late} row"](tmp_path, 0)
+    spec = spec_from_data("plant", files, tmp_path, targets).text
+    assert "# u2 looks like the set-point of y, from which u1 is computed" in spec
+    assert "from_u1" in spec
+    assert "from_u2" not in spec
+
+
+@pytest.mark.parametrize("name", ["sp", "w"])
+def test_a_set_point_by_name_needs_an_input_under_feedback(name: str, tmp_path: Path):
+    """A controller that runs in every fifth row is not recognised by its output alone."""
+    goal = 2 * held(2000, 3, 60, 120)
+    random = np.random.default_rng(4)
+    u, y, integral = np.zeros(2000), np.zeros(2000), 0.0
+    for t in range(1, 2000):
+        y[t] = 0.95 * y[t - 1] + 0.05 * u[t - 1] + 0.2 * random.normal()
+        integral += 0.05 * (goal[t] - y[t])
+        u[t] = u[t - 1] if t % 5 else 2 * (goal[t] - y[t]) + integral
+    columns = {"t": clock(2000, 1), name: goal, "u": u, "y": y}
+    spec = folder_of(tmp_path, text(columns, f"t,{name},u,y"), "y").read_text()
+    assert ("looks like the set-point of y, from which u is computed" in spec) == (name == "sp")
+
+
+def test_a_first_model_simulates_as_well_as_least_squares_by_numpy():
+    (found,) = first_models.compared("short, 120 rows")
+    # the written digits change a simulation by 0.1 % at most
+    assert found.first == pytest.approx(found.least_squares, rel=1e-3)
+    assert found.trained < 0.1 * found.constant
+    (_, trained, linear), (rows, new, of_new) = found.pairs
+    assert trained <= linear * 1.001
+    assert rows == "new recording"
+    assert new < 1.1 * of_new
 
 
 def test_the_weights_are_those_of_least_squares(tmp_path: Path):

@@ -30,6 +30,7 @@ from msnn.errors.data import files as errors
 from msnn.errors.data import rows as data_formats
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.expressions.moments import FARTHEST, Moment, read_moment
+from spec_schema.expressions.time_format import TimeFormat, written_format
 
 _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>[0-9]{1,9})\]")
 
@@ -103,6 +104,19 @@ class NamedArrays:
                 faults.append(data_formats.unusable_array(str(key), self.file, user, str(error)))
                 continue
             # only of columns of time: a date in a column of numbers is a fault like any text
+            if key in wanted.moments and wanted.time_format is not None:
+                if array.ndim != 1 or array.dtype.kind not in "OSUT":
+                    kind = "dates" if array.dtype.kind == "M" else "numbers"
+                    faults.append(
+                        data_units.other_kind_of_times("format", str(key), self.file, kind, None)
+                    )
+                    continue
+                dates = _of_format(array, self.file, str(key), written_format(wanted.time_format))
+                columns[key] = dates.seconds
+                faults += dates.faults
+                if dates.begins is not None:
+                    begins[key] = dates.begins
+                continue
             if key in wanted.moments and has_dates(array):
                 dates = dates_of(array, self.file, str(key), is_utc=name in self.zoned)
                 columns[key] = dates.seconds
@@ -291,6 +305,30 @@ def dates_of(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> Da
         [np.nan if moment is None else moment.nanoseconds - first.nanoseconds for moment in moments]
     )
     return Dates(seconds / 1e9, first, faults)
+
+
+def _of_format(array: NDArray[Any], file: str, column: str, format: TimeFormat) -> Dates:
+    """The dates of texts in a format of the spec."""
+    # texts of HDF5 files are bytes
+    texts = [c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c) for c in array]
+    moments = [format.moment(text.strip()) for text in texts]
+    wrong = [row for row, moment in enumerate(moments) if moment is None]
+    absent = [row for row in wrong if texts[row].strip().lower() in _MISSING]
+    others = [row for row in wrong if row not in set(absent)]
+    misfit = partial(data_units.unlike_format, wanted=format.text)
+    faults = tuple(
+        make(file, rows[0], column, texts[rows[0]], len(rows) - 1, None)
+        for make, rows in (
+            (partial(cell_errors.missing_value, is_time=True), absent),
+            (misfit, others),
+        )
+        if rows
+    )
+    known = [moment for moment in moments if moment is not None]
+    if faults or not known:
+        return Dates(np.full(len(array), np.nan), None, faults)
+    nanoseconds = np.array([moment.nanoseconds for moment in known], np.int64)
+    return Dates((nanoseconds - nanoseconds[0]) / 1e9, known[0])
 
 
 def _of_numpy(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> Dates:

@@ -23,6 +23,7 @@ from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment, read_moment
+from spec_schema.expressions.time_format import TimeFormat, written_format
 from spec_schema.sections.data import THOUSANDS
 
 CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
@@ -53,15 +54,7 @@ def checked_columns(
     and counts the others.
     """
     faults = _Faults()
-    readers = [
-        (_Times if key in wanted.moments else _Numbers)(
-            index=index,
-            dialect=header.dialect,
-            may_miss=key in wanted.optional,
-            marks=wanted.missing.get(key, frozenset()),
-        )
-        for key, index in places.items()
-    ]
+    readers = [_reader(key, index, header.dialect, wanted) for key, index in places.items()]
     line: _Line | None = None
     for line in _lines(lines, header):
         # an odd number: cells are split at delimiters inside quotes then, and their count says
@@ -87,6 +80,19 @@ def checked_columns(
         if isinstance(reader, _Times) and reader.nanoseconds
     }
     return CheckedColumns([reader.column for reader in readers], begins)
+
+
+def _reader(key: ColumnKey, index: int, dialect: Dialect, wanted: WantedColumns) -> _Numbers:
+    if key in wanted.moments and wanted.time_format is not None:
+        return _FormattedTimes(
+            index=index, dialect=dialect, may_miss=False, format=written_format(wanted.time_format)
+        )
+    return (_Times if key in wanted.moments else _Numbers)(
+        index=index,
+        dialect=dialect,
+        may_miss=key in wanted.optional,
+        marks=wanted.missing.get(key, frozenset()),
+    )
 
 
 def line_of_row(lines: Lines, header: Header, row: int) -> int:
@@ -155,6 +161,28 @@ class _Times(_Numbers):
         moments = np.array(self.nanoseconds, dtype=np.int64)
         # subtracted as integers: nanoseconds since 1970 have 61 bits, doubles 53
         return (moments - moments[0]) / 1e9
+
+
+@dataclass(slots=True, kw_only=True)
+class _FormattedTimes(_Times):
+    """Reads a time column of dates in a format of the spec."""
+
+    format: TimeFormat
+
+    def fault_of(self, cell: str) -> CellFault | None:
+        moment = self.format.moment(cell)
+        if moment is None:
+            if cell.lower() in MISSING:
+                return _MISSING_TIME
+            return _format_fault(self.format.text)
+        self.nanoseconds.append(moment.nanoseconds)
+        self.has_zone = moment.has_zone
+        return None
+
+
+@cache
+def _format_fault(text: str) -> CellFault:
+    return partial(data_units.unlike_format, wanted=text)
 
 
 @cache

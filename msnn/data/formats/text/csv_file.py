@@ -71,7 +71,9 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
         lines = with_blank_rows(partial(content_lines, path, dialect, shown, blank=True), header)
     # numpy first, as it is far faster; it explains nothing, so what it refuses is read cell by
     # cell
-    columns = _numbers(path, header, tuple(places.values()))
+    # digits alone may be a date too: `20261122170000`
+    is_plain = wanted.time_format is None
+    columns = _numbers(path, header, tuple(places.values())) if is_plain else None
     if columns is None or not _complete(columns, tuple(places), wanted.optional):
         return text_table(lines, header, places, wanted)
     return named_table(lines, header, places, CheckedColumns(columns, {}))

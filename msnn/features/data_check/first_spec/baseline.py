@@ -19,6 +19,7 @@ from msnn.features.data_check.dynamics.arx import (
 from msnn.features.data_check.dynamics.impulse_response import Responses, responses, time_constants
 from msnn.features.data_check.dynamics.orders import proposed_orders
 from msnn.features.data_check.dynamics.pieces import Piece, pieces_of
+from msnn.features.data_check.dynamics.set_points import set_points, without
 from msnn.features.data_check.first_spec.columns import FoundColumn
 from msnn.features.data_check.first_spec.least_squares import (
     Equation,
@@ -100,68 +101,48 @@ def choose_baseline(
     )
     table = rows.table[:, len(targets) :]
     pieces = [pieces_of(target.values, table, follows) for target in targets]
-    found = [responses(each) for each in pieces]
+    goals = _set_points(pieces, [column.name for column in inputs])
+    left_out = [
+        LeftOut(
+            inputs[number],
+            f"looks like the set-point of {targets[target].name}, from which "
+            f"{inputs[controller].name} is computed",
+        )
+        for number, (target, controller) in goals.items()
+    ]
+    plant = [number for number in range(len(inputs)) if number not in goals]
+    pieces = [without(each, list(goals)) for each in pieces]
+    # under feedback, the input of a row is computed from the output of the same row
+    found = [responses(each, int(bool(goals))) for each in pieces]
+    used = [len(targets) + number for number in plant]
     delays = {
-        (k, len(targets) + i): _seen_delay(found[k], i)
-        for k in range(len(targets))
-        for i in range(len(inputs))
+        (k, c): _seen_delay(found[k], i) for k in range(len(targets)) for i, c in enumerate(used)
     }
     sharp = {
-        (k, len(targets) + i)
+        (k, c)
         for k, response in enumerate(found)
-        for i in range(len(inputs))
+        for i, c in enumerate(used)
         if response is not None and response.begins_sharply(i)
     }
-    answered = [
-        any(r is None or r.delay(i) is not None or r.shows(i) for r in found)
-        for i in range(len(inputs))
-    ]
-    controlled = [any(feedback(each, i) is not None for each in pieces) for i in range(len(inputs))]
+    answered = {
+        c: any(r is None or r.delay(i) is not None or r.shows(i) for r in found)
+        for i, c in enumerate(used)
+    }
     orders = tuple(sorted({*_ORDERS}.union(*(proposed_orders(each) for each in pieces))))
     choice = _Choice(rows, delays, sharp, orders)
-    used = list(range(len(targets), len(columns)))
-    goals = {
-        column: target
-        for column, is_controlled in zip(used, controlled, strict=True)
-        for target in targets
-        if not is_controlled and _is_followed(columns[column], target)
-    }
-    left_out: list[LeftOut] = []
     best = choice.best(used)
-    drivers: set[int] = set()
-    # set-points first: with them a model may do without the input that acts on the plant
-    for column in sorted(used, key=lambda c: c not in goals) if len(used) <= _MOST_CHOICES else ():
-        number = column - len(targets)
-        others = [other for other in used if other != column]
-        goal = goals.get(column)
-        driver = next(
-            (
-                other
-                for other in others
-                if goal is not None
-                and other not in goals
-                and (
-                    controlled[other - len(targets)]
-                    or _is_computed(columns[other], [columns[column], goal], follows)
-                )
-            ),
-            None,
-        )
-        if column in drivers:
+    controllers = {len(targets) + controller for _, controller in goals.values()}
+    for column in used if len(used) <= _MOST_CHOICES else ():
+        if column in controllers:
             continue
-        if goal is not None and driver is not None:
-            limit, name = max(_AS_GOOD * best.error, _HALF), columns[driver].name
-            reason = f"looks like the set-point of {goal.name}, from which {name} is computed"
-        elif not answered[number]:
+        others = [other for other in used if other != column]
+        limit, reason = best.error / _AS_GOOD, "makes the simulation of the last fifth worse"
+        if not answered[column]:
             limit, reason = _AS_GOOD * best.error, "has no visible effect in these data"
-        else:
-            limit, reason = best.error / _AS_GOOD, "makes the simulation of the last fifth worse"
-        without = choice.best(others)
-        if without.error <= limit:
+        smaller = choice.best(others)
+        if smaller.error <= limit:
             left_out.append(LeftOut(columns[column], reason))
-            used, best = others, without
-            if goal is not None and driver is not None:
-                drivers.add(driver)
+            used, best = others, smaller
     kept = [*range(len(targets)), *used]
     rows = replace(rows, table=rows.table[:, kept])
     renumbered = {old: new for new, old in enumerate(kept)}
@@ -300,23 +281,24 @@ def _seen_delay(found: Responses | None, number: int) -> SeenDelay:
     return SeenDelay(max(delay or 1, 1), delay is not None, delay == 0)
 
 
-def _is_followed(column: FoundColumn, target: FoundColumn) -> bool:
-    """True if a target follows a column as its set-point: equal values but for a transient."""
-    if (column.unit is None) != (target.unit is None):
-        return False
-    known = np.isfinite(column.values) & np.isfinite(target.values)
-    goal, value = column.values[known], target.values[known]
-    span = float(np.std(goal))
-    if len(goal) < 2 or not span > 0 or not np.std(value) > 0:
-        return False
-    away = value - goal
-    likeness = float(np.corrcoef(goal, value)[0, 1])
-    is_near = abs(float(np.mean(away))) < span and float(np.std(away)) < span
-    return likeness > _FOLLOWED and is_near
+def _set_points(
+    pieces: Sequence[Sequence[Piece]], names: Sequence[str]
+) -> dict[int, tuple[int, int]]:
+    """The set-points among the inputs: their targets, and the inputs that controllers compute.
 
-
-_FOLLOWED = 0.6
-"""Minimum correlation of a target with its set-point."""
+    A set-point by its name alone counts if another input is under feedback from the target.
+    """
+    found: dict[int, tuple[int, int]] = {}
+    for target, each in enumerate(pieces):
+        goals = {goal.number: goal.controller for goal in set_points(each, names)}
+        for number, controller in goals.items():
+            others = [i for i in range(len(names)) if i not in goals]
+            if controller is None:
+                controller = next((i for i in others if feedback(each, i) is not None), None)
+            if controller is not None:
+                found.setdefault(number, (target, controller))
+    # some input must remain
+    return found if len(found) < len(names) else {}
 
 
 def _horizon(pieces: Sequence[Piece], found: Responses | None, past: int, late: int) -> int:
