@@ -407,7 +407,7 @@ def _read_gap(node: Node, findings: Findings) -> float | Duration:
         return length
     value = read_number(node, findings)
     if not value > LEAST_GAP:
-        wanted = "above 1: a step of one sample time is no hole"
+        wanted = "a number above 1 or a duration: a step of one sample time is no hole"
         findings.report(errors.out_of_range(f"{value:g}", found.span, wanted))
         raise RefusedError
     return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,7 @@ from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource,
 from msnn.data.formats.table_of_formats import unread_suffix
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.text.text_encoding import other_name, refuse_other_formats
-from msnn.data.formats.written_units import CapitalUnit, StatedUnit
+from msnn.data.formats.written_units import CapitalUnit, StatedUnit, is_number
 from msnn.data.reading.columns import (
     Feed,
     columns_of_only,
@@ -308,8 +309,17 @@ def _marks(file: DataFile, data: Data, found: Sequence[Feed]) -> dict[ColumnKey,
     for feed in found:
         own = common if feed.column is None else feed.column.missing or common
         for key in feed.keys if own else ():
-            marks.setdefault(key, set()).update(mark.value for mark in own)
+            marks.setdefault(key, set()).update(
+                value for mark in own for value in _numbers_too(mark.value)
+            )
     return marks
+
+
+def _numbers_too(mark: float | str) -> tuple[float | str, ...]:
+    """The mark; of a text that is a number, such as "-9999", the number too."""
+    if isinstance(mark, str) and is_number(mark) and math.isfinite(number := float(mark)):
+        return mark, number
+    return (mark,)
 
 
 def _without_marked(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
 
@@ -30,6 +30,8 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 _COARSE = 0.01
 """Rounding error relative to the standard deviation that visibly reduces `fit`."""
+_SWITCHED = 2
+"""A target with so few values is a state such as on and off, not a rounded measurement."""
 _LITTLE = 0.1
 """Fraction of a declared range; data that cover less contain little about the range."""
 
@@ -79,10 +81,13 @@ def sampling_findings(
             )
 
 
-def signal_findings(checked: DatasetCheck, ended: str | None) -> Iterator[Diagnostic]:
+def signal_findings(
+    checked: DatasetCheck, ended: str | None, targets: Container[str]
+) -> Iterator[Diagnostic]:
     """Reports faults in the values of every column.
 
     `ended` is the key of the spec that ends episodes at missing inputs, or leaves records out.
+    `targets` are the names of the signals that are predicted.
     """
     for one in checked.channels:
         # a column without any value is told once, not by each check
@@ -92,11 +97,13 @@ def signal_findings(checked: DatasetCheck, ended: str | None) -> Iterator[Diagno
                     signal=one.channel.name, value=None, unit="", where=_files(checked.rows)
                 )
             continue
-        yield from _values(one, checked.rows, ended)
+        yield from _values(one, checked.rows, ended, one.channel.signal.name in targets)
         yield from _constant(one, checked.rows)
 
 
-def _values(one: CheckedChannel, rows: RowsOfData, ended: str | None) -> Iterator[Diagnostic]:
+def _values(
+    one: CheckedChannel, rows: RowsOfData, ended: str | None, is_target: bool
+) -> Iterator[Diagnostic]:
     channel, found = one.channel, one.found
     name, unit, signal = channel.name, channel.unit, channel.signal
     if found.missing:
@@ -129,8 +136,9 @@ def _values(one: CheckedChannel, rows: RowsOfData, ended: str | None) -> Iterato
             place=rows.place(limit.first),
         )
     grid = found.quantisation
-    # few levels are switched: their steps are what somebody chose
-    if grid is not None and grid.levels > FEW_LEVELS and grid.share > _COARSE:
+    # an input of few levels is switched between them; a target of few is rounded most coarsely
+    least = _SWITCHED if is_target else FEW_LEVELS
+    if grid is not None and grid.levels > least and grid.share > _COARSE:
         yield errors.coarse_steps(
             signal=name,
             step=grid.step,
@@ -138,6 +146,7 @@ def _values(one: CheckedChannel, rows: RowsOfData, ended: str | None) -> Iterato
             levels=grid.levels,
             bits=grid.bits,
             share=grid.share,
+            may_switch=grid.levels <= FEW_LEVELS,
         )
     if (found_doubt := doubt(signal.unit, found.low, found.high)) is not None:
         rather, reason = found_doubt
@@ -325,7 +334,7 @@ def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic
     for target in system.targets:
         constants = target.found.constants
         if constants is not None and not constants.integrates:
-            yield from _sampling(target, constants, system.step)
+            yield from _sampling(system, target, constants)
     expected = model.program.sample_time
     if expected is None or abs(system.step - expected) > GAP_TOLERANCE * expected:
         return  # rows of the files are no samples of the model
@@ -338,7 +347,9 @@ def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic
     yield from _horizon(model, system.targets)
 
 
-def _sampling(target: CheckedTarget, constants: TimeConstants, step: float) -> Iterator[Diagnostic]:
+def _sampling(
+    system: CheckedSystem, target: CheckedTarget, constants: TimeConstants
+) -> Iterator[Diagnostic]:
     # the slowest motion decides whether too slow, the fastest whether too fast
     scales = [
         (period, True) if math.isfinite(period) else (mode, False)
@@ -348,16 +359,36 @@ def _sampling(target: CheckedTarget, constants: TimeConstants, step: float) -> I
     every = round(constants.fastest / _USUAL) if constants.fastest > _MOST else None
     if every is not None:
         slow, oscillates = min(scales)
+        if _moves_within(system, target, every):
+            return  # fewer rows would lose the motion of an input
     elif slow >= _FEWEST or constants.interval[1] > 2 * constants.slowest:
         return
     rows, kind = slow, "period" if oscillates else "time constant"
     yield errors.sampling_of_system(
         signal=target.channel.name,
-        motion=f"has a {kind} of {rows * step:.3g} s",
+        motion=f"has a {kind} of {rows * system.step:.3g} s",
         rows=rows,
         of=kind,
         every=every,
     )
+
+
+_HELD = 0.05
+"""Maximum variance, relative to that of an input, of its motion after a row that is used."""
+
+
+def _moves_within(system: CheckedSystem, target: CheckedTarget, every: int) -> bool:
+    """True if an input that the target responds to moves between rows 0, `every`, 2·`every`, …"""
+    for number, channel in enumerate(system.inputs):
+        answer = target.found.answers[number]
+        if target.found.delays[number] is None and (answer is None or not answer.seen):
+            continue
+        values = channel.values
+        lost = values - np.repeat(values[::every], every)[: len(values)]
+        known = np.isfinite(lost)
+        if known.any() and np.mean(lost[known] ** 2) > _HELD * np.var(values[known]):
+            return True
+    return False
 
 
 def _delays(

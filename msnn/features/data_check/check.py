@@ -65,11 +65,12 @@ def check_datasets(
     """Checks datasets; the system is identified from the first, or from `resampled`."""
     findings = Findings()
     checked: list[DatasetCheck] = []
+    predicted = targets_of(model.program)
     for name, dataset in recorded.items():
         checked.append(_dataset(model, name, dataset, resampled=resampled is not None))
         findings.report(*dataset.warnings)
         findings.report(*sampling_findings(model, checked[-1], resampled=resampled is not None))
-        findings.report(*signal_findings(checked[-1], _ends_episodes(model, resampled)))
+        findings.report(*signal_findings(checked[-1], _ends_episodes(model), predicted))
     if resampled is not None:
         told = set(findings.in_order)
         findings.report(*(said for said in resampled.warnings if said not in told))
@@ -90,13 +91,10 @@ def check_datasets(
     )
 
 
-def _ends_episodes(model: Model, resampled: Dataset | None) -> str | None:
+def _ends_episodes(model: Model) -> str | None:
     """The key of the spec that ends an episode where an input is missing; None without one."""
     data = model.spec.data
-    if data is not None and data.nan != "error":
-        return f"nan: {data.nan}"
-    method = None if data is None else data.resample
-    return f"resample: {method}" if resampled is not None and method is not None else None
+    return None if data is None or data.nan == "error" else f"nan: {data.nan}"
 
 
 def _dataset(model: Model, name: str, dataset: Dataset, *, resampled: bool) -> DatasetCheck:

@@ -63,7 +63,10 @@ def missing_values(
         if ended == "nan: drop":
             repair = "`nan: drop` already leaves such records out; `nan: split` keeps their parts"
     elif is_input:
-        repair = "`nan: split` under `data:` ends the episode there, `nan: drop` leaves records out"
+        repair = (
+            "training stops there (E0809): `nan: split` under `data:` ends the episode, "
+            "`nan: drop` leaves records out"
+        )
     return warning("W0814", None, message, help=repair)
 
 
@@ -96,7 +99,14 @@ def stays_at_limit(
 
 
 def coarse_steps(
-    *, signal: str, step: float, unit: str, levels: int, bits: float, share: float
+    *,
+    signal: str,
+    step: float,
+    unit: str,
+    levels: int,
+    bits: float,
+    share: float,
+    may_switch: bool,
 ) -> Diagnostic:
     """W0817: a signal that is rounded so coarsely that the rounding shows in every figure."""
     message = (
@@ -104,9 +114,12 @@ def coarse_steps(
         f"its rounding alone is {share:.1%} of its deviation"
     )
     repair = (
-        f"no model of `{signal}` reaches a `fit` beyond {100 * (1 - share):.1f} %: set limits of "
+        f"no model of `{signal}` reaches a `fit` beyond {100 * (1 - share):.1f} %"
+        f"{' unless it rounds as well' if may_switch else ''}: set limits of "
         f"`validate:` above {step / 12**0.5:.2g}{unit} rmse, or record with more digits"
     )
+    if may_switch:
+        repair += f"; ignore this if `{signal}` is switched between these values"
     return warning("W0817", None, message, help=repair)
 
 
@@ -245,16 +258,21 @@ def short_horizon(
 
 
 def closed_loop_data(*, input: str, signal: str, share: float) -> Diagnostic:
-    """W0825: an input that was made from the output that it should explain."""
+    """W0825: an input that past values of the output help to predict."""
     message = (
-        f"the past of `{signal}` explains {share:.0%} of what is new in `{input}`: "
-        "a controller was at work"
+        f"past values of `{signal}` help to predict `{input}`: they explain {share:.0%} of what "
+        f"the past of `{input}` leaves open"
+    )
+    note = (
+        f"a controller computes `{input}` from `{signal}`, or `{input}` is held or changes "
+        "smoothly between rows"
     )
     repair = (
-        f"predict one step (`rollout: 1`) or simulate with an estimated start, and do not leave "
-        f"the past of `{signal}` out; a reference signal added to `{input}` would tell both apart"
+        f"with a controller, predict one step (`rollout: 1`) or simulate with an estimated start, "
+        f"and do not leave the past of `{signal}` out; a reference signal added to `{input}` would "
+        "tell both apart"
     )
-    return warning("W0825", None, message, help=repair)
+    return warning("W0825", None, message, notes=(note,), help=repair)
 
 
 def dependent_inputs(*, input: str, formula: str, share: float) -> Diagnostic:
@@ -316,8 +334,9 @@ def set_point_as_input(*, signal: str, input: str, controller: str | None) -> Di
         f"their difference, and `{input}` acts through `{controller}` alone"
     )
     repair = (
-        f"for a model of the plant, take `{input}` out of `inputs:`; for a model of the closed "
-        f"loop, take `{controller}` out"
+        f"for a model of the plant, take `{input}` out of `inputs:`; its errors on this recording "
+        f"may rise, since it no longer learns the controller; for a model of the closed loop, take "
+        f"`{controller}` out"
     )
     return warning("W0847", None, message, help=repair)
 

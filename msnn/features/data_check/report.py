@@ -109,7 +109,7 @@ def _inputs_table(system: CheckedSystem) -> str:
 
 def _pairs_table(system: CheckedSystem) -> str:
     header = ("target", "input", "response", "delay", "delay / s", "time constants / s")
-    header += ("slowest, range / s", "periods / s", "settled after / s", "feedback")
+    header += ("slowest, range / s", "periods / s", "settled after / s", "predicted by target")
     rows: list[tuple[str, ...]] = []
     for target in system.targets:
         for number, channel in enumerate(system.inputs):
@@ -164,6 +164,8 @@ def _range_text(constants: TimeConstants, step: float) -> str:
     """The uncertainty of the slowest time constant."""
     if constants.growing:
         return "unstable"
+    if not constants.has_range:
+        return "not known"
     low = _number(constants.interval[0] * step)
     if constants.integrates:
         return f"≥ {low}, or an integrator"
@@ -260,8 +262,8 @@ def _target_record(system: CheckedSystem, target: CheckedTarget) -> dict[str, An
         if constants is None
         else {
             "value": constants.slowest * step,
-            "low": constants.interval[0] * step,
-            "high": constants.interval[1] * step,
+            "low": constants.interval[0] * step if constants.has_range else None,
+            "high": constants.interval[1] * step if constants.has_range else None,
             "unstable": constants.growing,
         },
         "settling": None

@@ -404,6 +404,21 @@ def test_the_range_of_a_time_constant_contains_it() -> None:
     assert np.median(upper) < 25
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_resonance_that_outlasts_the_lags_has_a_range(seed: int) -> None:
+    """The slowest mode comes from the rows, other modes from means of rows: so does its range."""
+    random = np.random.default_rng(seed)
+    u, pole = random.normal(size=4_000), np.exp(-1 / 63.7 + 2j * np.pi / 20)
+    y = np.zeros(4_000)
+    for t in range(2, 4_000):
+        y[t] = 2 * pole.real * y[t - 1] - abs(pole) ** 2 * y[t - 2] + 0.1 * u[t - 1]
+    found = checked(noisy(y, 0.05, 100 + seed), u).constants
+    assert found is not None
+    assert found.interval[0] < 63.7 < found.interval[1]
+    assert found.has_range
+    assert found.slowest == pytest.approx(63.7, rel=0.1)
+
+
 def test_an_integrator_is_not_given_a_time_constant() -> None:
     u = held(2_000, 3)
     y = np.cumsum(np.concatenate(([0.0], u[:-1])))

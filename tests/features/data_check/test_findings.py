@@ -12,7 +12,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.reading.load import load_data
 from msnn.features.data_check.check import check_data
 from msnn.features.data_check.found import DataCheck
-from msnn.features.data_check.report import check_record
+from msnn.features.data_check.report import check_record, check_tables
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.explain import known_codes
@@ -125,6 +125,11 @@ def slow(table: dict[str, FloatArray]) -> None:
     table["y"] = 300 + 5 * noisy(first_order(table["u"], 150, 1), 0.02)
 
 
+def slow_inputs(table: dict[str, FloatArray]) -> None:
+    table["u"] = held(ROWS, 0, 150, 300)
+    slow(table)
+
+
 def unmoved(table: dict[str, FloatArray]) -> None:
     table["y"] = 300 + np.random.default_rng(3).normal(size=ROWS)
 
@@ -154,7 +159,7 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         (late, "W0820", ("after 4 rows (0.4 s)", "read `u[t-3]`")),
         (at_once, "W0820", ("in the same row", "`between: linear` at `u`", "`predicts: y[t]`")),
         (poor, "W0821", ("`u` excites ", "Hz")),
-        (slow, "W0822", ("sample times; 10 to 30", "`every: 8`")),
+        (slow_inputs, "W0822", ("sample times; 10 to 30", "`every: ")),
         (slow, "W0824", ("40 rows", "`train.0.rollout.horizon: ")),
         (unmoved, "W0827", ("`y` shows no response to `u` within 100 rows (joint test: p = ",)),
     ],
@@ -201,8 +206,21 @@ def test_feedback_and_dependence(tmp_path: Path):
         u[t] = 2 * (reference[t] - y[t - 1])
     table |= {"u": u, "y": 300 + y, "w": 3 * u}
     found = said(looked_at(tmp_path, table, spec))
-    assert "a controller was at work" in found["W0825"]
+    assert "past values of `y` help to predict `" in found["W0825"]
     assert "`w` = 3 u, to 100.00 %" in found["W0826"]
+
+
+def test_a_smooth_input_without_controller_is_not_blamed_on_one(tmp_path: Path):
+    """The target shows how an input moves between rows, in open loop: no controller is claimed."""
+    table, random = columns(), np.random.default_rng(0)
+    fine = np.convolve(random.normal(size=10 * ROWS + 29), np.hanning(30), "valid")
+    y = first_order(fine, 100, 1)[::10]
+    table |= {"u": fine[::10], "y": 300 + noisy(y, 0.002, 2)}
+    found = looked_at(tmp_path, table)
+    text = said(found)["W0825"]
+    assert "a controller computes `u` from `y`, or `u` is held or changes smoothly" in text
+    assert "with a controller, predict one step" in text
+    assert "predicted by target" in check_tables(found)
 
 
 def test_the_advice_is_weaker_where_the_recording_is_short(tmp_path: Path):
@@ -241,6 +259,7 @@ def test_a_set_point_is_told_with_its_controller(tmp_path: Path):
     found = looked_at(tmp_path, with_set_point(), WITH_W)
     text = said(found)["W0847"]
     assert "`w` is the set-point of `y`: a controller computes `u` from" in text
+    assert "its errors on this recording may rise" in text
     assert "W0827" not in said(found)
     record = check_record(found)["system"]["targets"][0]["inputs"]
     assert [(one["set_point"], one["controller"]) for one in record] == [(False, None), (True, "u")]
@@ -255,6 +274,43 @@ def test_a_set_point_without_its_controller_needs_a_name(tmp_path: Path):
     for name, told in (("w", False), ("y_set", True), ("set_size", False), ("offset", False)):
         one = {"time": table["time"], name: table["w"], "y": table["y"]}
         assert ("W0847" in said(looked_at(tmp_path, one, spec.replace("NAME", name)))) == told
+
+
+@pytest.mark.parametrize(("step", "is_target"), [(0.6, True), (0.4, True), (0.6, False)])
+def test_few_levels_are_rounding_of_a_target_and_a_switch_of_an_input(
+    step: float, is_target: bool, tmp_path: Path
+):
+    table = columns()
+    name = "y" if is_target else "u"
+    table[name] = np.round(table[name] / step) * step
+    assert 3 <= len(np.unique(table[name])) <= 16
+    found = said(looked_at(tmp_path, table))
+    assert ("W0817" in found) == is_target
+    if is_target:
+        assert f"`y` has steps of {step} K" in found["W0817"]
+        assert "ignore this if `y` is switched" in found["W0817"]
+
+
+def test_a_target_that_is_on_or_off_is_not_rounded(tmp_path: Path):
+    table = columns()
+    table["y"] = np.where(table["y"] > 300, 301.0, 300.0)
+    assert "W0817" not in said(looked_at(tmp_path, table))
+
+
+def test_rows_are_not_left_out_where_an_input_moves_between_them(tmp_path: Path):
+    table = columns()
+    slow(table)
+    assert "W0822" not in said(looked_at(tmp_path, table))
+
+
+def test_a_range_without_width_is_not_printed(tmp_path: Path):
+    table = columns()
+    table["y"] = 300 + first_order(table["u"], 15, 1)
+    found = looked_at(tmp_path, table)
+    assert "not known" in check_tables(found)
+    slowest = check_record(found)["system"]["targets"][0]["slowest"]
+    assert slowest["value"] == pytest.approx(1.5, rel=1e-3)
+    assert (slowest["low"], slowest["high"]) == (None, None)
 
 
 def test_lost_rows_are_counted(tmp_path: Path):
@@ -298,14 +354,31 @@ def test_many_short_parts_are_too_few_only_if_none_has_enough_rows(
         assert "30 rows in one part are enough" in found["W0829"]
 
 
-@pytest.mark.parametrize("key", ["nan: split", "nan: drop", "resample: linear"])
+@pytest.mark.parametrize("key", ["nan: split", "nan: drop", "resample: linear, nan: split"])
 def test_a_key_that_the_spec_has_is_not_advised(key: str, tmp_path: Path):
     table = columns()
     table["u"][[500, 501]] = np.nan
     found = looked_at(tmp_path, table, SPEC.replace("time: time}", f"time: time, {key}}}"))
     text = said(found)["W0814"]
-    assert f"`{key}` already" in text
+    assert f"`{key.rsplit(', ')[-1]}` already" in text
     assert "under `data:` ends" not in text
+    model = load_model(tmp_path / "plant.msnn.yaml")
+    assert model.spec.data is not None
+    load_data(model.program, model.spec.data, tmp_path)
+
+
+def test_resampling_does_not_accept_missing_inputs(tmp_path: Path):
+    """Training stops at an empty cell of an input, so the help names the key that is missing."""
+    table = columns()
+    table["u"][[500, 501]] = np.nan
+    spec = SPEC.replace("time: time}", "time: time, resample: linear}")
+    text = said(looked_at(tmp_path, table, spec))["W0814"]
+    assert "training stops there (E0809): `nan: split` under `data:`" in text
+    model = load_model(tmp_path / "plant.msnn.yaml")
+    assert model.spec.data is not None
+    with pytest.raises(SpecError) as error:
+        load_data(model.program, model.spec.data, tmp_path)
+    assert {one.code for one in error.value.diagnostics} == {"E0809"}
 
 
 def test_everything_at_once_breaks_nothing(tmp_path: Path):

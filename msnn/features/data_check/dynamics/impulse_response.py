@@ -253,6 +253,12 @@ class TimeConstants:
         return min(self.natural)
 
     @property
+    def has_range(self) -> bool:
+        """True if `interval` is wider than the errors of the method itself."""
+        low, high = self.interval
+        return math.isinf(high) or high - low > _RESOLUTION * low
+
+    @property
     def integrates(self) -> bool:
         """True if the data do not exclude that the slowest mode never decays."""
         return math.isinf(self.interval[1])
@@ -295,11 +301,17 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
     begins = {i: _begin(found.delay(i), first.delay(i), factor) for i in seen}
     slow_poles = _poles(found, begins)
     constants, periods, natural = factor * _times(slow_poles)
+    # the estimate that gives each mode: responses, beginnings, poles, number of the pole
+    sources = [(found, begins, slow_poles, i) for i in range(len(slow_poles))]
     if factor > 1:
         # means say nothing of what is over within one of them, the rows do
         told = [(i, first.delay(i)) for i in seen if first.shows(i)]
-        rows = _times(_poles(first, {i: _begin(delay, delay, 1) for i, delay in told}))
+        begins_of_rows = {i: _begin(delay, delay, 1) for i, delay in told}
+        fast_poles = _poles(first, begins_of_rows)
+        rows = _times(fast_poles)
         slow, fast = natural >= factor, rows[2] < factor
+        sources = [source for source, is_slow in zip(sources, slow, strict=True) if is_slow]
+        sources += [(first, begins_of_rows, fast_poles, int(i)) for i in np.flatnonzero(fast)]
         parts = zip((constants, periods, natural), rows, strict=True)
         constants, periods, natural = (np.concatenate([a[slow], b[fast]]) for a, b in parts)
     if not len(natural):
@@ -309,9 +321,10 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
     order = np.argsort(-constants, kind="stable")
     lags = [lag for lag in settled if lag is not None]
     slowest = float(np.max(constants))
-    interval, growing = (slowest, slowest), False
-    if len(slow_poles):
-        interval, growing = _interval(found, begins, slow_poles, factor)
+    # of several that never decay, the one that grows fastest
+    slowest_of = [i for i, constant in enumerate(constants) if constant == slowest]
+    source = max((sources[i] for i in slowest_of), key=lambda one: abs(one[2][one[3]]))
+    interval, growing = _interval(*source, factor if source[0] is found else 1)
     # a range as wide as that says nothing; of an integrator the lags seen are the scale
     if interval[0] < (slowest if math.isfinite(slowest) else factor * found.lags) / _WIDEST:
         return None
@@ -326,6 +339,8 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
 
 
 _DRAWS = 40
+_RESOLUTION = 1e-3
+"""Minimum relative width of a range; rounding and truncation of the model exceed smaller ones."""
 _WIDEST = 4.0
 """A slowest time constant with a lower bound below this part of it is not told."""
 _OUTSIDE = 0.025
@@ -337,15 +352,15 @@ A long model fitted to noise of other kinds has larger errors than its covarianc
 
 
 def _interval(
-    found: Responses, begins: Mapping[int, int], poles: ComplexArray, factor: int
+    found: Responses, begins: Mapping[int, int], poles: ComplexArray, number: int, factor: int
 ) -> tuple[tuple[float, float], bool]:
-    """Bounds of the slowest time constant, in rows, and whether it grows for certain.
+    """Bounds of the time constant of pole `number`, in rows, and whether it grows for certain.
 
-    Errors of the responses are drawn with their covariance. Of each draw, the pole nearest to the
-    slowest one is taken. Their spread is put around the estimate itself: noise that is added twice
-    moves the median of the draws.
+    Errors of the responses are drawn with their covariance. Of each draw, the pole nearest to this
+    one is taken. Their spread is put around the estimate itself: noise that is added twice moves
+    the median of the draws.
     """
-    slowest = poles[np.argmax(np.abs(poles))]
+    slowest = poles[number]
     size = float(np.abs(slowest))
     drawn: list[float] = []
     for errors in _random_errors(found, _DRAWS):
