@@ -149,7 +149,10 @@ class TiledSum:
         self, begin: Indices, tiles: Mapping[str, int], times: int, scope: BlockScope, store: Store
     ) -> None:
         """Writes one tile of results: variables initialised with 0, the loops that sum, and what
-        `store` writes. `begin` are the first indices of the tile; it has `times` times.
+        `store` writes.
+
+        `begin` are the first indices of the tile, `tiles` its sizes by axis, `times` its size along
+        the time axis.
         """
         now = variable(TIME)
         results: list[tuple[Indices, Name]] = []

@@ -1,7 +1,7 @@
 """Least-squares problems with bounds: NIST's models with their data, static laws, ODE fits.
 
 Each problem is there twice, with its minimum inside the bounds and with a bound that cuts the
-minimum off, from four initial points each: two near ones, one that is wrong by factors between 2
+minimum off, from five initial points each: two near ones, two that are wrong by factors between 2
 and 100, and one with a parameter on its bound.
 """
 
@@ -305,7 +305,7 @@ def _with_noise(
 
 
 def problems() -> list[Problem]:
-    """All problems, each with its four initial points."""
+    """All problems, each with its five initial points."""
     found: list[Problem] = []
     for number, one in enumerate((*_nist(), *_laws(), *_equations())):
         random = np.random.Generator(np.random.Philox(number))
@@ -328,7 +328,7 @@ def _cut(problem: Problem, random: np.random.Generator) -> Problem:
 
 
 def _with_points(problem: Problem, random: np.random.Generator) -> Problem:
-    """The near points inside the bounds, one that is far off and one on a bound."""
+    """The problem with five initial points: near its own, two far from it, and one on a bound."""
     low, high = problem.low, problem.high
     inner = 1e-3 * (high - low)
     near = tuple(np.clip(one, low + inner, high - inner) for one in problem.points)

@@ -60,7 +60,11 @@ def van_der_pol(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]
 
 
 def two_tanks(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
-    """Two tanks, one above the other; a part of the upper one's overflow is lost."""
+    """dx/dt of two tanks, one above the other; a part of the upper one's overflow is lost.
+
+    `x` are the two levels, `u` the flow into the upper one, `p` the parameters. `m` is the module
+    of the functions, such as `math` or `casadi`.
+    """
     pump, upper, lower, overflow = p
     first, second = m.sqrt(m.maximum(x[0], 1e-3)), m.sqrt(m.maximum(x[1], 1e-3))
     over = m.maximum(x[0] - 1.0, 0.0)

@@ -54,9 +54,11 @@ def _numbers(
     *,
     inverse: bool = False,
 ) -> tuple[NodeId, NodeId]:
-    """The nodes of mean and standard deviation, with the axes of `value`. Fixed numbers get the
-    unit `unit`. `inverse` is True for a call `NAME.inverse(…)`. Reports settings that do not fit
-    and raises LoweringFailed.
+    """The nodes of mean and standard deviation, with the axes of `value`.
+
+    A fixed mean gets the unit `unit`, a fixed deviation that of a difference in it (K for degC).
+    `inverse` is True for a call `NAME.inverse(…)`, for whose argument `data` finds no signal.
+    Reports settings that do not fit and raises LoweringFailed.
     """
     mean, std = settings.mean, settings.std
     signal = _signal(context, settings, inverse) if "data" in (mean, std) else ""

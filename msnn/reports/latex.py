@@ -12,7 +12,7 @@ from spec_schema.sections.spec import Spec
 
 
 def latex_text(spec: Spec) -> str:
-    """An `align*` environment with equations, states, outputs and losses, each in order."""
+    """An `align*` environment: functions, equations, states, outputs, losses, in spec order."""
     lines = [f"  {left} &= {right}" for left, right in formulas(spec)]
     body = " \\\\\n".join(lines)
     return f"\\begin{{align*}}\n{body}\n\\end{{align*}}"

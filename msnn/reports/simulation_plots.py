@@ -84,7 +84,11 @@ def _inputs(program: Program, shown: Sequence[Simulation]) -> list[DrawnNumber]:
 def _left_out(
     runs: int, program: Program, outputs: int, inputs: int, shown: Sequence[Simulation]
 ) -> list[str]:
-    """Texts about omitted runs and elements."""
+    """Phrases such as "3 runs" for what a plot leaves out.
+
+    `runs` is the number of runs that were left out; of the elements of outputs and inputs the first
+    `outputs` and `inputs` are drawn.
+    """
     every = sum(program.step[output.node].type.size for output in program.outputs)
     read = sum(values[0].size for run in shown[:1] for values in run.inputs.values())
     missing = [

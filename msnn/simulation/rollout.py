@@ -227,7 +227,7 @@ def check_classes(program: Program, data: Dataset, runs: Runs, findings: Finding
 
 
 def _evaluated(runs: Runs, rows: int) -> IntArray:
-    """The rows t of all steps, each once."""
+    """The rows t of the data at which a step of any run begins, each once; the data have `rows`."""
     # +1 where a rollout begins, −1 behind its end: the sum says how many evaluate a row
     changes = np.zeros(rows + 1, np.int64)
     # add.at: rollouts may begin in one row, which `changes[t0] += 1` would count once

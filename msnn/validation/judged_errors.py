@@ -70,7 +70,11 @@ def regions(squares: FloatArray, values: FloatArray) -> tuple[Region, ...]:
 
 
 def extrapolation(signal: str, values: FloatArray, trained: FloatArray) -> Extrapolation | None:
-    """The samples of an input outside the range of its training values; None if there are none."""
+    """The share of an input's samples that lie outside the range of its training values.
+
+    None if no sample does. `values` are the samples that are measured on, `trained` those of the
+    training rows.
+    """
     values, trained = values[np.isfinite(values)], trained[np.isfinite(trained)]
     if not len(values) or not len(trained):
         return None

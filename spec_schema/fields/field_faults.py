@@ -21,7 +21,7 @@ _INSTEAD = {
     dict: "`EntriesOf[...]`",
     Located: "`NewName` or `Reference`",
 }
-"""The field types of `msnn.extending` by the plain type that stands in their place."""
+"""The field types of `msnn.extending` by the plain type that they replace."""
 
 
 def fault_of_fields(kind: type[Entry]) -> str | None:

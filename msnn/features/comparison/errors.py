@@ -81,7 +81,7 @@ def swept_twice(path: str) -> Diagnostic:
 
 
 def set_and_swept(path: str, swept: str) -> Diagnostic:
-    """E0857: a value is both set for all models and swept."""
+    """E0857: `--set` gives a value, or a part of one, that a sweep varies."""
     message = f"`--set` gives `{path}` one value, and `{swept}` is swept"
     repair = f"leave out `--set {path}=…`: every model would replace its value"
     return error("E0857", None, message, help=repair)

@@ -18,8 +18,10 @@ from msnn.features.nnodely.values import ShapeError, Value, ValueOperations
 
 
 def recognise(file: File) -> Mapping[str, Recognised]:
-    """The groups of relations with a known meaning: local models, integrals and derivatives, by the
-    relation that has the group's value.
+    """The groups of relations with a known meaning: local models, integrals and derivatives.
+
+    A relation is nnodely's word for an operation of its file. The keys are the relations whose
+    values are those of the groups.
     """
     graph = Graph(file)
     # of a relation that is both, the local model stands

@@ -134,7 +134,7 @@ def linear_inputs(model: Model) -> frozenset[str]:
 
 
 def _ports(about: Plain, struct: str, kind: str, data: Dataset | None) -> list[Plain]:
-    """The fields of the C struct `struct` as JSON objects: byte offset, shape, unit, slider range.
+    """The fields of the C struct `struct` as JSON objects: offset, size, elements, unit, range.
 
     `about` is the description that is exported with the C code; `kind` is its list of the ports in
     this struct, `inputs` or `start_windows`.
@@ -269,8 +269,10 @@ def _slider(field: Plain, port: Plain | None, data: Dataset | None) -> tuple[flo
 
 
 def _fed_by(port: Plain, outputs: Sequence[Plain]) -> int | None:
-    """The index of the output that predicts a sample of this input after all that the step reads;
-    it is fed back on the page. None if there is no such output.
+    """The index of the output that the page feeds back into an input, or None.
+
+    It predicts a sample of this input that is newer than all that the step reads, and has as many
+    elements.
     """
     for number, output in enumerate(outputs):
         if (

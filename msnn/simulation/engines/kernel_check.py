@@ -253,7 +253,10 @@ def _with_gaps(values: FloatArray, gaps: BoolArray) -> FloatArray:
 
 
 def nearby(program: Program, weights: Weights, random: np.random.Generator) -> Weights:
-    """Weights near the given ones, within their bounds; zeros become non-zero."""
+    """Weights near the given ones, within their bounds.
+
+    A zero changes, too, unless a bound keeps it at 0.
+    """
     found: dict[str, FloatArray] = {}
     for parameter in program.parameters:
         value = np.asarray(weights[parameter.name], float)

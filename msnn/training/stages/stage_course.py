@@ -169,7 +169,12 @@ def _kept(
     after: EpochEnd | None,
     last: EpochEnd,
 ) -> Diagnostic | None:
-    """A warning if the epoch selected on validation rows contradicts the training rows."""
+    """A warning if the best epoch of the validation rows fits the training rows far worse.
+
+    `first`, `best` and `last` are the first, the selected and the last epoch, `after` the one after
+    the selected. A total below a fraction of that of `first` counts as nothing. None where the two
+    totals cannot be compared: other rows, priors, a monitor of its own.
+    """
     # priors are in one of the two totals, a monitor of its own is another loss
     alike = plan.monitor == TOTAL and not has_priors(plan) and best.horizon == last.horizon
     nothing = NOTHING * first.total

@@ -52,8 +52,10 @@ class FilterField:
 
 
 def input_fields(problem: EstimationProblem, estimated: Vector) -> tuple[FilterField, ...]:
-    """Lists the fields of the struct that `predict` reads: all inputs of the model. `estimated` is
-    the layout of the estimate, which contains the shift registers.
+    """The fields of the struct that `predict` reads, one for each input of the model.
+
+    `estimated` is the layout of the estimate. It tells which delay lines (buffers of past samples)
+    the first sample of an input fills.
     """
     taken: set[str] = set()
     return tuple(

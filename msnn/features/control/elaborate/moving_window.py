@@ -45,7 +45,10 @@ def moving_window(
 
 
 def check_size(problem: EstimationProblem, section: MovingHorizon, findings: Findings) -> None:
-    """Reports a window whose estimator would need more than `TOO_LONG` bytes."""
+    """Reports E1127 if the estimator's working arrays would need more than `TOO_LONG` bytes.
+
+    Each of their numbers takes 8 bytes.
+    """
     control = window_problem(problem).control
     memory = numbers_of(control, "staged") * 8
     if memory > TOO_LONG:

@@ -57,7 +57,10 @@ class Residuals:
 
 
 class Judge:
-    """Computes residuals for many plans of one problem; its derivatives are built once."""
+    """Computes residuals of the optimality conditions (KKT) of one control problem.
+
+    A plan is a trajectory of states and inputs. The derivatives are built once, for many plans.
+    """
 
     def __init__(self, problem: ControlProblem) -> None:
         self._problem = problem

@@ -32,10 +32,6 @@ class Rows:
     held_out: BoolArray
     """True for the last rows of each recording, which no fit uses."""
 
-    def without(self, column: int) -> Rows:
-        """The same without one of the inputs."""
-        return replace(self, table=np.delete(self.table, column, axis=1))
-
     def intervals(self, *, fitted: bool) -> list[slice]:
         """The maximal intervals of consecutive rows without missing values."""
         known = np.asarray(np.isfinite(self.table).all(axis=1), np.bool_)

@@ -63,8 +63,12 @@ class IntegerBuilder:
         fraction: int,
         bounds: tuple[int, int],
     ) -> int:
-        """constant + Σ coefficient · node for `terms` of (coefficient, node), with integer bounds
-        that the caller has proved. `constant` and the result have the scale `fraction`.
+        """The node of constant + Σ coefficient · node, for `terms` of (coefficient, node).
+
+        All are integers. `constant`, the result and each product are numbers times 2^`fraction`;
+        nothing is shifted. The caller has proved that the result lies in
+        `bounds`. A single term with coefficient 1 is its own node. Raises CannotFitError if a sum
+        exceeds the widest word.
         """
         coefficients = tuple(coefficient for coefficient, _ in terms)
         args = tuple(node for _, node in terms)

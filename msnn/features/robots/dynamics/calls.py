@@ -140,10 +140,10 @@ class _RobotCall:
         expression: Expression,
         node: NodeId,
     ) -> None:
-        """Reports the argument `quantity` if it lacks the axis of the joints, or has an axis of the
-        result.
+        """Reports the argument `quantity`, and raises LoweringFailed, if its axes do not fit.
 
-        A scalar argument holds for all joints.
+        It must have the axis of the joints and none of the result's axes; a scalar argument holds
+        for all joints.
         """
         axes = self._builder.type(node).axes
         rest = [axis for axis in axes if axis != self._joint]
