@@ -13,7 +13,7 @@ from msnn.data.rollout_rows import reads
 from msnn.errors.data.rows import other_sample_time, step_repair
 from msnn.features.data_check import errors
 from msnn.features.data_check.channels import RowsOfData
-from msnn.features.data_check.dynamics.check import Answer
+from msnn.features.data_check.dynamics.check import JointTest
 from msnn.features.data_check.dynamics.excitation import Excitation
 from msnn.features.data_check.dynamics.impulse_response import ROWS_OF_A_PIECE, TimeConstants
 from msnn.features.data_check.errors import too_few_rows
@@ -271,7 +271,7 @@ def _no_response(
         for one in system.about.dependences
         for number in (one.number, *(other for other, _ in one.factors))
     }
-    unseen: list[tuple[int, Answer]] = []
+    unseen: list[tuple[int, JointTest]] = []
     for number in moving:
         answer = target.found.answers[number]
         told = _told(system, number) and number not in together

@@ -27,7 +27,7 @@ from msnn.features.data_check.dynamics.set_points import SetPoint, set_points, w
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class JointTest:
     """The result of joint tests for a response of the target to one input beside the others."""
 
     p_value: float
@@ -62,7 +62,7 @@ class TargetCheck:
     """True if the response begins at the delay; False if the delay is only an upper limit."""
     constants: TimeConstants | None
     feedback: tuple[float | None, ...]
-    answers: tuple[Answer | None, ...]
+    answers: tuple[JointTest | None, ...]
     """The joint test of each input; None if the data cannot test it."""
     set_points: tuple[SetPoint, ...]
 
@@ -125,7 +125,7 @@ def check_target(
         # without excitation an answer cannot be told from none
         told = found is not None and excites is not None and not excites.weak
         delays.append(found.delay(number) if found is not None and told else None)
-    answers: list[Answer | None] = [None] * count
+    answers: list[JointTest | None] = [None] * count
     if of_plant is not None:
         for number, answer in zip(plant, _answers(reduced, of_plant), strict=True):
             answers[number] = answer
@@ -146,14 +146,14 @@ _IN_ROW = 5.0
 """Standard errors beyond which the coefficient of the same row is no chance."""
 
 
-def _answers(pieces: Sequence[Piece], found: Responses) -> list[Answer | None]:
+def _answers(pieces: Sequence[Piece], found: Responses) -> list[JointTest | None]:
     """Joint tests of all inputs, by groups of lags and by all lags one by one."""
     count = pieces[0].inputs.shape[1]
     grouped = influences(pieces)
     in_row = [found.in_row(number) > _IN_ROW for number in range(count)]
     # a coefficient of the same row under feedback spoils those of all lags
     model = responses(pieces, 1) if any(in_row) else found
-    answers: list[Answer | None] = []
+    answers: list[JointTest | None] = []
     for number, group in enumerate(grouped):
         if group is None or model is None:
             answers.append(None)
@@ -166,7 +166,7 @@ def _answers(pieces: Sequence[Piece], found: Responses) -> list[Answer | None]:
             (single,) = influences(without(pieces, [i for i in range(count) if i != number]))
             alone = single is not None and single.p_value < SIGNIFICANCE
         answers.append(
-            Answer(
+            JointTest(
                 p_value=p_value,
                 in_row=in_row[number],
                 alone=alone,

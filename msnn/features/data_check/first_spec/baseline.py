@@ -22,9 +22,9 @@ from msnn.features.data_check.dynamics.pieces import Piece, pieces_of
 from msnn.features.data_check.dynamics.set_points import set_points, without
 from msnn.features.data_check.first_spec.columns import FoundColumn
 from msnn.features.data_check.first_spec.least_squares import (
-    Equation,
-    Rows,
-    Term,
+    ArxEquation,
+    ArxTerm,
+    FittedRows,
     fit,
     free_run,
     largest_pole,
@@ -68,7 +68,7 @@ class SeenDelay:
 class Baseline:
     """An equation for each target, fitted by least squares."""
 
-    equations: tuple[Equation, ...]
+    equations: tuple[ArxEquation, ...]
     """Columns of terms count along the targets, then the inputs."""
     inputs: tuple[FoundColumn, ...]
     left_out: tuple[LeftOut, ...]
@@ -93,7 +93,7 @@ def choose_baseline(
     Inputs are left out if they are set-points, or if the data show no response to them.
     """
     columns = [*targets, *inputs]
-    rows = Rows(
+    rows = FittedRows(
         table=np.stack([column.values for column in columns], axis=1),
         targets=len(targets),
         follows=follows,
@@ -174,7 +174,7 @@ _HALF = 0.5
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    equations: tuple[Equation, ...]
+    equations: tuple[ArxEquation, ...]
     error: float
     """Error of the simulation, relative to a constant."""
     one_step: float
@@ -189,7 +189,7 @@ class _Candidate:
 class _Choice:
     """Selects orders, delays and couplings for some inputs."""
 
-    rows: Rows
+    rows: FittedRows
     delays: Mapping[tuple[int, int], SeenDelay]
     sharp: Collection[tuple[int, int]]
     orders: Sequence[int]
@@ -208,14 +208,14 @@ class _Choice:
                 tried.append(self._of_orders(terms))
         return _smallest(tried)
 
-    def _terms(self, target: int, used: Sequence[int], coupled: bool, late: bool) -> list[Term]:
-        own = [Term(k, 1) for k in range(self.rows.targets) if coupled or k == target]
+    def _terms(self, target: int, used: Sequence[int], coupled: bool, late: bool) -> list[ArxTerm]:
+        own = [ArxTerm(k, 1) for k in range(self.rows.targets) if coupled or k == target]
         return own + [
-            Term(c, self.delays[target, c].rows if late or (target, c) in self.sharp else 1)
+            ArxTerm(c, self.delays[target, c].rows if late or (target, c) in self.sharp else 1)
             for c in used
         ]
 
-    def _of_orders(self, terms: Sequence[Sequence[Term]]) -> _Candidate:
+    def _of_orders(self, terms: Sequence[Sequence[ArxTerm]]) -> _Candidate:
         tried: list[_Candidate] = []
         for order in self.orders:
             fits = [fit(self.rows, k, each, order) for k, each in enumerate(terms)]
@@ -235,7 +235,7 @@ class _Choice:
             return _smallest(tried)
         # too few rows: what was there before, the last value
         zeros = tuple(
-            Equation(
+            ArxEquation(
                 terms=tuple(each),
                 taps=np.array([[float(term.column == k)] for term in each]),
                 offset=0.0,
@@ -262,7 +262,7 @@ def _smallest(tried: Sequence[_Candidate]) -> _Candidate:
     return min((c for c in kept if c.one_step <= _AS_GOOD * steps), key=lambda c: c.weights)
 
 
-def _rounded(rows: Rows, equations: Sequence[Equation]) -> tuple[Equation, ...]:
+def _rounded(rows: FittedRows, equations: Sequence[ArxEquation]) -> tuple[ArxEquation, ...]:
     """The equations with as few digits as change their simulation by less than 0.1 %."""
     exact = relative_error(rows, free_run(rows, equations))
     for digits in range(_FEWEST_DIGITS, 16, 2):

@@ -22,7 +22,7 @@ _SIMULATED = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rows:
+class FittedRows:
     """Recordings side by side: series (rows, columns), the targets first."""
 
     table: FloatArray
@@ -45,7 +45,7 @@ class Rows:
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class ArxTerm:
     """Taps of one series, from lag `first` on."""
 
     column: int
@@ -53,10 +53,10 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Equation:
+class ArxEquation:
     """yₖ[t] = Σⱼ Σᵢ taps[j, i] · seriesⱼ[t − firstⱼ − i] + offset."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[ArxTerm, ...]
     taps: FloatArray
     """(terms, order), the newest sample first."""
     offset: float
@@ -70,12 +70,12 @@ class Equation:
         """The largest lag."""
         return max(term.first for term in self.terms) + self.order - 1
 
-    def rounded(self, digits: int) -> Equation:
+    def rounded(self, digits: int) -> ArxEquation:
         """The same with weights of so many significant digits."""
         taps = np.array([[float(f"{x:.{digits}g}") for x in row] for row in self.taps])
         return replace(self, taps=taps, offset=float(f"{self.offset:.{digits}g}"))
 
-    def one_step(self, rows: Rows) -> FloatArray:
+    def one_step(self, rows: FittedRows) -> FloatArray:
         """(rows,): the prediction from measured values; NaN without its lags."""
         found = np.full(len(rows.table), np.nan)
         for part in rows.intervals(fitted=False):
@@ -87,7 +87,7 @@ class Equation:
         return found
 
 
-def fit(rows: Rows, target: int, terms: Sequence[Term], order: int) -> Equation | None:
+def fit(rows: FittedRows, target: int, terms: Sequence[ArxTerm], order: int) -> ArxEquation | None:
     """The least-squares equation of a target; None with too few rows or too many weights.
 
     min Σ e² over the rows that are not held out, by QR decomposition of blocks of rows and a
@@ -116,10 +116,10 @@ def fit(rows: Rows, target: int, terms: Sequence[Term], order: int) -> Equation 
     columns = [term.column for term in terms]
     taps = found[:-1].reshape(len(terms), order) * (scale[target] / scale[columns])[:, None]
     offset = found[-1] * scale[target] + centre[target] - taps.sum(axis=1) @ centre[columns]
-    return Equation(terms=tuple(terms), taps=taps, offset=float(offset))
+    return ArxEquation(terms=tuple(terms), taps=taps, offset=float(offset))
 
 
-def _regressors(table: FloatArray, terms: Sequence[Term], order: int, rows: slice) -> FloatArray:
+def _regressors(table: FloatArray, terms: Sequence[ArxTerm], order: int, rows: slice) -> FloatArray:
     """(rows, terms · order + 1): the lags of each series, the newest first, and 1."""
     columns: list[FloatArray] = []
     for term in terms:
@@ -129,7 +129,7 @@ def _regressors(table: FloatArray, terms: Sequence[Term], order: int, rows: slic
     return np.concatenate([*columns, np.ones((rows.stop - rows.start, 1))], axis=1)
 
 
-def largest_pole(equations: Sequence[Equation]) -> float:
+def largest_pole(equations: Sequence[ArxEquation]) -> float:
     """The spectral radius of the simulated system: below 1, errors decay."""
     order, size = equations[0].order, len(equations)
     first = _feedback(equations)
@@ -138,7 +138,7 @@ def largest_pole(equations: Sequence[Equation]) -> float:
     return float(np.max(np.abs(poles)))
 
 
-def _feedback(equations: Sequence[Equation]) -> FloatArray:
+def _feedback(equations: Sequence[ArxEquation]) -> FloatArray:
     """(targets, order · targets): weights of past targets, the newest row first."""
     size = len(equations)
     found = np.zeros((size, equations[0].order, size))
@@ -149,7 +149,7 @@ def _feedback(equations: Sequence[Equation]) -> FloatArray:
     return found.reshape(size, -1)
 
 
-def free_run(rows: Rows, equations: Sequence[Equation]) -> FloatArray:
+def free_run(rows: FittedRows, equations: Sequence[ArxEquation]) -> FloatArray:
     """(rows, targets): the simulation of each interval from its first rows; NaN elsewhere.
 
     Only the rows around the held-out ones are simulated where recordings are long.
@@ -187,7 +187,7 @@ def free_run(rows: Rows, equations: Sequence[Equation]) -> FloatArray:
     return found
 
 
-def relative_error(rows: Rows, predicted: FloatArray) -> float:
+def relative_error(rows: FittedRows, predicted: FloatArray) -> float:
     """RMSE of held-out rows relative to that of the mean of the others, over all targets."""
     targets = rows.table[:, : rows.targets]
     mean = np.nanmean(targets[~rows.held_out], axis=0)
