@@ -12,7 +12,6 @@ from msnn.errors.commands import not_trained
 from msnn.errors.learning.runs import unfinished_run
 from msnn.model.model import Model
 from msnn.model.saved_run import (
-    DESCRIPTION,
     FOLD,
     LATEST,
     WEIGHTS,
@@ -20,8 +19,6 @@ from msnn.model.saved_run import (
     followed,
     has_checkpoint,
     newest,
-    read_json,
-    recorded_plugins,
 )
 from msnn.model.trained_model import refuse_other_model
 from msnn.model.weights.weights_file import (
@@ -29,6 +26,7 @@ from msnn.model.weights.weights_file import (
     initial_weights,
     known_weights,
     read_weights,
+    refuse_taken_names,
 )
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.errors.plugins import other_version
@@ -98,11 +96,7 @@ def choose_weights(
             raise SpecError([not_trained(str(file), program.name, begun)])
         if unfinished is not None and age(unfinished) > age(_whole_run(latest.resolve())):
             warnings = (unfinished_run(str(unfinished), str(latest.resolve().name)),)
-    then_used = recorded_plugins(read_json(file.parent / DESCRIPTION))
-    if then_used:
-        from msnn.model.program_file import refuse_other_packages
-
-        refuse_other_packages(then_used, str(file), now=program.plugins)
+    refuse_taken_names(file, program)
     refuse_other_model(model, file)
     if model.run is None or model.run.resolve() != file.parent.resolve():
         # a model of a run has these warnings already

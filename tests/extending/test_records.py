@@ -14,6 +14,7 @@ from msnn.api.models import load
 from msnn.cli.application import run
 from msnn.errors.failures import MissingExtraError
 from msnn.model.program_file import write_program_file
+from msnn.model.weights.weights_file import given_weights
 from tests.conditions import require_tool
 from tests.extending.conftest import Install
 from tests.extending.test_plugins import BUDGET, PLAIN, spec_file
@@ -302,6 +303,19 @@ def test_a_name_that_another_package_has_now_is_refused(
     assert "help: remove aother, or make the file again with it" in said
     assert not Path("simulated.csv").exists()
     assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("name", ["", "weights.safetensors"])
+def test_weights_of_a_run_are_refused_in_python_if_another_package_has_a_name(
+    name: str, gained: Path, install: Install
+):
+    install("gain", {"gain.py": GAIN.format(factor=1.0)}, "gain:FEATURE", "1.0")
+    model = load("m.msnn.yaml")
+    given_weights(model.program, gained / name)
+    install("aother", {"aother.py": OTHER.format(factor=3.0)}, "aother:FEATURE", "3.0")
+    model = load("m.msnn.yaml")
+    with pytest.raises(MissingExtraError, match=r"aother 3\.0 has the function `gain` now"):
+        given_weights(model.program, gained / name)
 
 
 def test_a_name_that_moved_to_another_package_is_refused(

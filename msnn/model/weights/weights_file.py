@@ -55,8 +55,13 @@ def write_weights(
 
 
 def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
-    """The weights of a program in a file. Raises SpecError with all errors (rule R12)."""
+    """The weights of a program in a file.
+
+    Raises SpecError with all errors (rule R12), and MissingPluginError if another plug-in has a
+    name of the model than when the weights were trained.
+    """
     shown = str(path)
+    refuse_taken_names(path, program)
     try:
         refuse_endless(path)
         arrays = arrays_in(path.read_bytes())
@@ -70,6 +75,17 @@ def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
     except SpecError as error:
         changed = changed_plugins(path, program)
         raise SpecError([_of_other_plugins(f, changed) for f in error.diagnostics]) from error
+
+
+def refuse_taken_names(weights: Path, program: Program) -> None:
+    """Raises MissingPluginError if another package has a name of the model than in the run of a
+    weights file.
+    """
+    then = recorded_plugins(read_json(weights.parent / DESCRIPTION))
+    if then:
+        from msnn.model.program_file import refuse_other_packages
+
+        refuse_other_packages(then, str(weights), now=program.plugins)
 
 
 def changed_plugins(weights: Path, program: Program) -> list[tuple[str, UsedPlugin]]:
