@@ -25,7 +25,10 @@ def by_hand(starts: list[int], steps: list[int]) -> list[tuple[int, list[int], l
 
 @pytest.mark.parametrize(
     ("sizes", "lengths"),
-    [([16, 8, 24], 1), ([16, 8, 13], 1), ([1, 30, 9], 1), ([40, 3], 3), ([7], 2)],
+    [
+        *[([16, 8, 24], 1), ([16, 8, 13], 1), ([1, 30, 9], 1), ([40, 3], 3), ([7], 2)],
+        *[([16], 1), ([13], 1), ([3], 1)],  # equal lengths in one batch: of all rows of the data
+    ],
 )
 def test_groups_of_batches(sizes: list[int], lengths: int) -> None:
     random = np.random.default_rng(3)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
+from scipy.signal import lfilter
 
 from msnn.data.dataset import FloatArray
 from msnn.features.data_check.dynamics.arx import feedback
@@ -15,9 +16,9 @@ from msnn.features.data_check.dynamics.check import TargetCheck, check_inputs, c
 from msnn.features.data_check.dynamics.distributions import f_survival
 from msnn.features.data_check.dynamics.excitation import Excitation, excitation
 from msnn.features.data_check.dynamics.impulse_response import FALSE_ALARMS, power_series, responses
-from msnn.features.data_check.dynamics.influence import SIGNIFICANCE
+from msnn.features.data_check.dynamics.influence import SIGNIFICANCE, influences
 from msnn.features.data_check.dynamics.orders import proposed_orders
-from msnn.features.data_check.dynamics.pieces import pieces_of
+from msnn.features.data_check.dynamics.pieces import Piece, pieces_of
 from tests.features.data_check.systems import first_order, follows, held, multisine, noisy
 
 ROWS = 4_000
@@ -438,3 +439,15 @@ def test_a_vibration_gets_the_order_that_it_needs() -> None:
     assert proposed_orders(pieces)[-1] >= 10
     assert proposed_orders(pieces)[:4] == (1, 2, 3, 4)
     assert proposed_orders(pieces_of(random.normal(size=400), u[:400, None], follows(400)))[-1] <= 6
+
+
+@pytest.mark.parametrize("seed", [2, 17, 18, 45, 57])
+def test_noise_that_grows_with_an_input_is_no_response(seed: int):
+    # the F test alone, which assumes equal variances, has p < 0.01 for all of these
+    random = np.random.default_rng(seed)
+    u = np.asarray(lfilter([1], [1, -0.9], random.normal(size=600)), np.float64)
+    y = np.append(0.0, u[:-1]) ** 2 * random.normal(size=600)
+    piece = Piece(y - y.mean(), (u - u.mean())[:, None])
+    (found,) = influences([piece])
+    assert found is not None
+    assert found.p_value >= SIGNIFICANCE

@@ -20,6 +20,7 @@ from msnn.api import measurements, models, trainings
 from msnn.data.dataset import FloatArray
 from msnn.features.data_check.first_spec.columns import columns_of
 from msnn.features.data_check.first_spec.new_spec import TargetNotNamedError, spec_from_data
+from msnn.features.data_check.first_spec.recordings import on_times
 from msnn.features.data_check.first_spec.time_column import time_of
 from msnn.model.model_data import read_data
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -51,6 +52,18 @@ def text(
     return above + "\n".join(
         [*([] if header is None else [header]), *([below] if below else []), *lines, ""]
     )
+
+
+@pytest.mark.parametrize(("step", "is_hole"), [(0.2, False), (0.24, False), (0.3, True)])
+def test_a_new_spec_fills_the_steps_that_its_data_section_fills(step: float, is_hole: bool):
+    even = np.asarray(np.arange(10) * STEP, np.float64)
+    time = np.append(even, 0.9 + step + even)
+    values = np.asarray(3 * time, np.float64)
+    grid = np.arange(0.0, time[-1], STEP)
+    between = (grid > 0.9 + 1e-9) & (grid < 0.9 + step - 1e-9)
+    found = on_times(time, values, grid, STEP)
+    assert np.isnan(found[between]).all() == is_hole
+    assert found[~between] == pytest.approx(3 * grid[~between])
 
 
 DIALECTS = {

@@ -10,15 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.reading.resample import longest_step
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.features.data_check.errors import no_such_files, unlike_files
 from msnn.features.data_check.first_spec.columns import FoundTable, columns_of
 from msnn.features.data_check.first_spec.time_column import FoundTime, time_of
 from msnn.features.data_check.sampling import follows
 from spec_schema.diagnostics.diagnostic import SpecError
-
-_HOLE = 2.0
-"""A step above this multiple of the sample time is not interpolated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,14 +138,16 @@ def _on_grid(
 
 
 def on_times(clock: FloatArray, values: FloatArray, grid: FloatArray, step: float) -> FloatArray:
-    """Values at other times, on lines between the measured ones; NaN over holes and outside."""
+    """Values at other times, on lines between the measured ones; NaN over holes and outside.
+
+    Holes are those of `resample: linear`, which the new spec has.
+    """
     known = np.isfinite(values) & np.isfinite(clock)
     clock, values = clock[known], values[known]
     if len(clock) < 2:
         return np.full(len(grid), np.nan)
     found = np.interp(grid, clock, values, left=np.nan, right=np.nan)
     after = np.clip(np.searchsorted(clock, grid), 1, len(clock) - 1)
-    steps = np.diff(clock)
-    longest = _HOLE * max(step, float(np.median(steps)))
-    found[(steps[after - 1] > longest) & ~np.isin(grid, clock)] = np.nan
+    in_hole = np.diff(clock)[after - 1] > longest_step(clock, step)
+    found[in_hole & ~np.isin(grid, clock)] = np.nan
     return found
